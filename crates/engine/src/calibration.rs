@@ -41,7 +41,6 @@ pub fn calibrate(session: &Session, progress: &dyn Progress) -> Result<Rig, Engi
     Ok(rig)
 }
 
-/// The wand and the board of a session, where it has them.
 fn objects_of(session: &Session) -> Result<Vec<MovedObject>, EngineError> {
     let mut objects = Vec::new();
     if let Some(wand) = &session.file.wand
@@ -56,7 +55,6 @@ fn objects_of(session: &Session) -> Result<Vec<MovedObject>, EngineError> {
     Ok(objects)
 }
 
-/// One recording of each camera that has it.
 fn feeds_if_any(
     session: &Session,
     open: impl Fn(usize) -> Result<Option<FrameSource>, SessionError>,

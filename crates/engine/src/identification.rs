@@ -25,7 +25,6 @@ pub fn identify_from_poses(
     identify_into(results, motion, flight, progress)
 }
 
-/// Identifies from what became of the motion.
 pub(crate) fn identify_into(
     results: &mut RunResults,
     motion: Result<Motion, PipelineError>,
@@ -88,8 +87,7 @@ pub fn identify_from_motion(
     Ok(())
 }
 
-/// Equation error over the part of the motion that the inputs cover; where that has a gap, over its longest
-/// part without one.
+/// Equation error over what the inputs cover of the motion; of that, over the longest part without a gap.
 fn equation_error(
     motion: &mut Motion,
     recorded: &InputSeries,
@@ -118,8 +116,7 @@ fn equation_error(
     })
 }
 
-/// Output error from the poses, and from the images where there are any; with the body as refined from the
-/// flight.
+/// Output error from the poses, and from the images where there are any, with the body as refined.
 fn output_error(
     results: &RunResults,
     flight: &Flight<'_>,

@@ -18,8 +18,7 @@ pub(crate) fn with_part<T>(
     result
 }
 
-/// The longest part of a motion without a gap too long for its interpolation: rotors depend on all that
-/// they did before.
+/// The longest part without a gap too long to interpolate: rotors depend on all that they did before.
 pub(crate) fn longest_without_gap(motion: &Motion) -> Range<usize> {
     let longest_ns = (1e9 * motion.longest_step_s()) as i64;
     let mut parts = motion.samples.chunk_by(|a, b| b.t_ns - a.t_ns <= longest_ns).scan(0, |at, part| {
@@ -47,7 +46,6 @@ pub(crate) fn part_covered(inputs: &InputSeries, motion: &Motion) -> String {
     )
 }
 
-/// First and last time.
 fn span_s(samples: &[MotionSample]) -> (f64, f64) {
     let t_s = |sample: Option<&MotionSample>| sample.map_or(0.0, |s| s.t_ns as f64 * 1e-9);
     (t_s(samples.first()), t_s(samples.last()))

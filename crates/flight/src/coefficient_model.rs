@@ -139,8 +139,7 @@ pub struct Airframe {
     reference_speed_rad_s: f64,
 }
 
-/// What a coefficient adds to the rate of a velocity or rate: `per_unit` times the coefficient, times a state
-/// where there is one.
+/// Adds `per_unit` times a coefficient, times a state where there is one, to the rate of a velocity or rate.
 #[derive(Debug, Clone, Copy)]
 struct Effect {
     row: usize,
@@ -171,8 +170,7 @@ impl Airframe {
         self.reference_speed_rad_s
     }
 
-    /// Accelerations by all forces and moments. Those of the upper disc are per radian of that disc, which is
-    /// K_u times the fly-bar's.
+    /// Accelerations by all forces and moments; the upper disc is K_u times the fly-bar.
     fn effects(&self, input: &InputSample) -> [Effect; 31] {
         use Coefficient as C;
         let of = |omega_rad_s: f64| self.force_per_speed2 * omega_rad_s * omega_rad_s;

@@ -25,12 +25,9 @@ pub enum FlightError {
     /// Moments of inertia that no body has.
     #[error(
         "inertia_kg_m2 is [{}, {}, {}], but no moment of a body is above the sum of the other two: correct the vehicle file",
-        values[0], values[1], values[2]
+        .0[0], .0[1], .0[2]
     )]
-    Inertia {
-        /// The moments.
-        values: [f64; 3],
-    },
+    Inertia([f64; 3]),
     /// Markers that show no attitude.
     #[error("{0}; the vehicle file has them so: correct position_m, in metres")]
     MarkerPlaces(GeometryError),
@@ -44,12 +41,9 @@ pub enum FlightError {
     },
     /// A pose needs three markers.
     #[error(
-        "the vehicle has {found} markers, but at least 3 that are not on one line are needed: add [[marker]] sections"
+        "the vehicle has {0} markers, but at least 3 that are not on one line are needed: add [[marker]] sections"
     )]
-    TooFewMarkers {
-        /// Markers given.
-        found: usize,
-    },
+    TooFewMarkers(usize),
     /// Two markers share a name.
     #[error("markers {first} and {second} are both named {name}: give each its own name")]
     DuplicateMarker {
@@ -62,24 +56,15 @@ pub enum FlightError {
     },
     /// A marker's name that tables cannot list.
     #[error(
-        "a marker is named {name:?}: tables list markers with spaces between, write it without, such as \"left_red\""
+        "a marker is named {0:?}: tables list markers with spaces between, write it without, such as \"left_red\""
     )]
-    MarkerName {
-        /// The name.
-        name: String,
-    },
+    MarkerName(String),
     /// A colour that is not written as one.
-    #[error("unknown colour {text:?}: write it as \"#rrggbb\", for instance \"#db1212\"")]
-    UnknownColor {
-        /// What was written.
-        text: String,
-    },
+    #[error("unknown colour {0:?}: write it as \"#rrggbb\", for instance \"#db1212\"")]
+    UnknownColor(String),
     /// Inputs need two samples to cover a time.
-    #[error("the inputs have {found} samples, but at least 2 are needed")]
-    TooFewInputs {
-        /// Samples given.
-        found: usize,
-    },
+    #[error("the inputs have {0} samples, but at least 2 are needed")]
+    TooFewInputs(usize),
     /// A sample that is not a number.
     #[error("input row {row}: {column} is not a finite number: correct or remove the row")]
     InputNotFinite {

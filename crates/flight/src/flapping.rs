@@ -109,10 +109,10 @@ pub fn from_rate(
 /// [`FlightError::InputsDoNotCover`] outside the series.
 pub fn interpolate(times_s: &[f64], values: &[f64], t_s: f64) -> Result<f64, FlightError> {
     let (Some(&start_s), Some(&end_s)) = (times_s.first(), times_s.last()) else {
-        return Err(FlightError::TooFewInputs { found: 0 });
+        return Err(FlightError::TooFewInputs(0));
     };
     if times_s.len() < 2 || values.len() != times_s.len() {
-        return Err(FlightError::TooFewInputs { found: values.len().min(times_s.len()) });
+        return Err(FlightError::TooFewInputs(values.len().min(times_s.len())));
     }
     if !(t_s >= start_s - 1e-6 && t_s <= end_s + 1e-6) {
         return Err(FlightError::InputsDoNotCover { t_s, start_s, end_s });

@@ -47,7 +47,7 @@ impl InputSeries {
     /// Fewer than two samples, a number that is not finite, a time that does not increase; rows count from 1.
     pub fn new(samples: Vec<InputSample>) -> Result<Self, FlightError> {
         if samples.len() < 2 {
-            return Err(FlightError::TooFewInputs { found: samples.len() });
+            return Err(FlightError::TooFewInputs(samples.len()));
         }
         let mut before_s = f64::NEG_INFINITY;
         for (k, sample) in samples.iter().enumerate() {
@@ -181,6 +181,6 @@ mod tests {
         assert_eq!(nan, Err(FlightError::InputNotFinite { row: 2, column: "delta_lon_rad" }));
         let back = InputSeries::new(vec![sample(0.0, 0.0), sample(0.0, 0.0)]);
         assert_eq!(back, Err(FlightError::TimeNotIncreasing { row: 2, t_s: 0.0, before_s: 0.0 }));
-        assert_eq!(InputSeries::new(vec![]), Err(FlightError::TooFewInputs { found: 0 }));
+        assert_eq!(InputSeries::new(vec![]), Err(FlightError::TooFewInputs(0)));
     }
 }

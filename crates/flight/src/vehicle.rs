@@ -24,7 +24,7 @@ impl Color {
     /// # Errors
     /// [`FlightError::UnknownColor`] for anything else.
     pub fn parse(text: &str) -> Result<Self, FlightError> {
-        let unknown = || FlightError::UnknownColor { text: text.to_owned() };
+        let unknown = || FlightError::UnknownColor(text.to_owned());
         let digits = text.trim().strip_prefix('#').ok_or_else(unknown)?;
         if digits.len() != 6 || !digits.bytes().all(|b| b.is_ascii_hexdigit()) {
             return Err(unknown());
@@ -248,7 +248,7 @@ impl Vehicle {
         }
         let sum: f64 = self.inertia_kg_m2.iter().sum();
         if self.inertia_kg_m2.iter().any(|i| 2.0 * i > sum * (1.0 + INERTIA_TOLERANCE)) {
-            return Err(FlightError::Inertia { values: self.inertia_kg_m2 });
+            return Err(FlightError::Inertia(self.inertia_kg_m2));
         }
         let a = &self.assumption;
         let finite = [
@@ -274,7 +274,7 @@ impl Vehicle {
 
     fn validate_markers(&self) -> Result<(), FlightError> {
         if self.marker.len() < 3 {
-            return Err(FlightError::TooFewMarkers { found: self.marker.len() });
+            return Err(FlightError::TooFewMarkers(self.marker.len()));
         }
         for (k, marker) in self.marker.iter().enumerate() {
             if !(marker.diameter_m.is_finite() && marker.diameter_m > 0.0) {
@@ -286,7 +286,7 @@ impl Vehicle {
                 return Err(FlightError::NotFinite { key, value });
             }
             if marker.name.is_empty() || marker.name.contains(char::is_whitespace) {
-                return Err(FlightError::MarkerName { name: marker.name.clone() });
+                return Err(FlightError::MarkerName(marker.name.clone()));
             }
             if let Some(first) = self.marker[..k].iter().position(|other| other.name == marker.name) {
                 let (first, second) = (first + 1, k + 1);
@@ -314,7 +314,7 @@ mod tests {
     #[test]
     fn a_colour_that_is_none_is_named() {
         for text in ["reddish", "#12345", "#gg0000", "", "#1234567", "#éé00"] {
-            assert_eq!(Color::parse(text), Err(FlightError::UnknownColor { text: text.to_owned() }));
+            assert_eq!(Color::parse(text), Err(FlightError::UnknownColor(text.to_owned())));
         }
     }
 
@@ -349,6 +349,6 @@ mod tests {
         );
         let mut vehicle = Vehicle::paper();
         vehicle.marker.truncate(2);
-        assert_eq!(vehicle.validate(), Err(FlightError::TooFewMarkers { found: 2 }));
+        assert_eq!(vehicle.validate(), Err(FlightError::TooFewMarkers(2)));
     }
 }

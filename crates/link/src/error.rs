@@ -62,12 +62,9 @@ pub enum LinkError {
     },
     /// This build has not the outlet that is asked for.
     #[error(
-        "{outlet}: not in this build: install with `cargo install mavsight --features {outlet}`, or take [live.{outlet}] out"
+        "{0}: not in this build: install with `cargo install mavsight --features {0}`, or take [live.{0}] out"
     )]
-    Absent {
-        /// Outlet.
-        outlet: &'static str,
-    },
+    Absent(&'static str),
     /// Zenoh refuses.
     #[error("zenoh: {0}: look at `listen` and `connect`, such as tcp/127.0.0.1:7447")]
     Zenoh(String),

@@ -71,21 +71,6 @@ pub enum Event {
     },
 }
 
-impl Event {
-    /// The `event` that its object says.
-    pub fn kind(&self) -> &'static str {
-        match self {
-            Self::Scene(_) => "scene",
-            Self::Pose(_) => "pose",
-            Self::Detections { .. } => "detections",
-            Self::Camera { .. } => "camera",
-            Self::Parameters { .. } => "parameters",
-            Self::Recording { .. } => "recording",
-            Self::Note { .. } => "note",
-        }
-    }
-}
-
 /// One instant of the flight.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PoseEvent {

@@ -31,7 +31,6 @@ pub struct JsonLines {
 struct Datagrams {
     socket: UdpSocket,
     to: SocketAddr,
-    /// When the scene was sent last.
     scene_sent: Option<Instant>,
 }
 

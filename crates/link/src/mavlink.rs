@@ -116,7 +116,6 @@ impl Outlet for Mavlink {
     }
 }
 
-/// A socket that counts what it sends.
 #[derive(Clone)]
 struct Radio {
     socket: Arc<UdpSocket>,

@@ -43,7 +43,6 @@ pub struct Natnet {
     _worker: Worker,
 }
 
-/// Who gets frames.
 #[derive(Default)]
 struct Listeners {
     /// Data ports of machines from which somebody connected.
@@ -132,7 +131,6 @@ impl Outlet for Natnet {
     }
 }
 
-/// Answers at the command port.
 struct Desk {
     socket: Arc<UdpSocket>,
     data_port: u16,

@@ -30,7 +30,7 @@ pub fn open(options: &LiveSection, body: &Body) -> Result<Vec<Box<dyn Outlet>>, 
     }
     #[cfg(not(feature = "zenoh"))]
     if options.zenoh.is_some() {
-        return Err(LinkError::Absent { outlet: "zenoh" });
+        return Err(LinkError::Absent("zenoh"));
     }
     Ok(outlets)
 }

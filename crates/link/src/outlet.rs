@@ -50,7 +50,6 @@ impl Body {
     }
 }
 
-/// Nanoseconds of the UNIX epoch.
 pub(crate) fn now_ns() -> i64 {
     SystemTime::now()
         .duration_since(UNIX_EPOCH)

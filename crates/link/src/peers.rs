@@ -17,7 +17,6 @@ pub(crate) struct Peer {
 }
 
 impl Peer {
-    /// Takes a connection over.
     pub(crate) fn new(stream: TcpStream) -> io::Result<Self> {
         stream.set_nonblocking(true)?;
         stream.set_nodelay(true)?;

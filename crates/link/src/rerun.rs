@@ -12,12 +12,12 @@
 //! Timelines: `t`, since the flight began, and `captured`, by this machine's clock. Poses are in Rerun's
 //! single precision, scalars in double. Rows go to the file once a second; a kill loses what has come since.
 
-mod arrow;
+mod columns;
 mod file;
-mod flat;
 
 use crate::{Event, LinkError, Outlet, PoseEvent, Scene, Tracking};
-use arrow::{Array, Column, Type};
+use arrow_array::{Float64Array, UInt8Array, UInt32Array};
+use columns::{captured, component, fixed, flight_time, floats, lists, texts};
 use file::RrdFile;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -42,7 +42,7 @@ impl Rerun {
         let refused = |source| LinkError::File { path: path.display().to_string(), source };
         let mut file = RrdFile::create(path, "mavsight", crate::outlet::now_ns()).map_err(refused)?;
         // Right, forward, up.
-        let axes = Array::lists([1], Array::threes(Array::plain(Type::BYTE, [3, 5, 1].into_iter())));
+        let axes = lists([1], fixed::<3>(UInt8Array::from(vec![3, 5, 1])));
         let column = component("ViewCoordinates", "xyz", "ViewCoordinates", axes);
         file.chunk("/world", 1, vec![column]).map_err(refused)?;
         Ok(Self { path: path.to_owned(), file, poses: Vec::with_capacity(ROWS), tracking: None })
@@ -50,16 +50,11 @@ impl Rerun {
 
     fn scene(&mut self, scene: &Scene) -> io::Result<()> {
         let points = |places: Vec<[f64; 3]>, names: Vec<&str>| {
-            let place = floats(places.iter().flatten());
-            let labels = Array::texts(names.iter().copied());
+            let places = lists([places.len()], fixed::<3>(floats(places.as_flattened())));
+            let labels = lists([names.len()], texts(names));
             vec![
-                component(
-                    "Points3D",
-                    "positions",
-                    "Position3D",
-                    Array::lists([places.len()], Array::threes(place)),
-                ),
-                component("Points3D", "labels", "Text", Array::lists([names.len()], labels)),
+                component("Points3D", "positions", "Position3D", places),
+                component("Points3D", "labels", "Text", labels),
             ]
         };
         let (cameras, markers) = (&scene.cameras, &scene.markers);
@@ -68,29 +63,26 @@ impl Rerun {
         let names = markers.iter().map(|m| m.name.as_str()).collect();
         let mut columns = points(markers.iter().map(|m| m.in_body_m).collect(), names);
         // Red, green, blue and opacity from the highest byte on.
-        let colors = markers.iter().flat_map(|m| [255, m.rgb[2], m.rgb[1], m.rgb[0]]);
+        let color = |[r, g, b]: [u8; 3]| u32::from_be_bytes([r, g, b, 255]);
+        let colors: UInt32Array = markers.iter().map(|m| Some(color(m.rgb))).collect();
         let radii: Vec<f64> = markers.iter().map(|m| 0.5 * m.diameter_m).collect();
-        let one = |of| Array::lists([markers.len()], of);
-        columns.push(component("Points3D", "colors", "Color", one(Array::plain(Type::WORD, colors))));
-        columns.push(component("Points3D", "radii", "Radius", one(floats(&radii))));
+        columns.push(component("Points3D", "colors", "Color", lists([markers.len()], colors)));
+        columns.push(component("Points3D", "radii", "Radius", lists([markers.len()], floats(&radii))));
         self.file.chunk("/world/aircraft/markers", 1, columns)
     }
 
     fn text(&mut self, entity: &str, t_s: f64, text: &str) -> io::Result<()> {
-        let body = Array::lists([1], Array::texts(std::iter::once(text)));
-        let t = index("t", Type::DURATION, [(t_s * 1e9).round() as i64]);
-        self.file.chunk(entity, 1, vec![t, component("TextLog", "text", "Text", body)])
+        let body = component("TextLog", "text", "Text", lists([1], texts([text])));
+        self.file.chunk(entity, 1, vec![flight_time([t_s]), body])
     }
 
-    /// Writes the poses that wait.
     fn flush(&mut self) -> io::Result<()> {
         if self.poses.is_empty() {
             return Ok(());
         }
         let poses = std::mem::take(&mut self.poses);
         let times = |of: &[&PoseEvent]| {
-            let captured = index("captured", Type::TIMESTAMP, of.iter().map(|p| p.captured_ns));
-            vec![captured, index("t", Type::DURATION, of.iter().map(|p| (p.t_s * 1e9).round() as i64))]
+            vec![captured(of.iter().map(|p| p.captured_ns)), flight_time(of.iter().map(|p| p.t_s))]
         };
         let measured: Vec<&PoseEvent> = poses.iter().filter(|p| p.position_m.is_some()).collect();
         if !measured.is_empty() {
@@ -98,21 +90,20 @@ impl Rerun {
             // Rerun has w last.
             let turns = measured.iter().filter_map(|p| p.attitude).flat_map(|[w, x, y, z]| [x, y, z, w]);
             let turns: Vec<f64> = turns.collect();
-            let one = |of| Array::lists(measured.iter().map(|_| 1), of);
-            let turns = one(Array::fours(floats(&turns)));
-            let places = one(Array::threes(floats(&places)));
+            let ones = || measured.iter().map(|_| 1);
             let mut columns = times(&measured);
+            let turns = lists(ones(), fixed::<4>(floats(&turns)));
             columns.push(component("Transform3D", "quaternion", "RotationQuat", turns));
+            let places = lists(ones(), fixed::<3>(floats(&places)));
             columns.push(component("Transform3D", "translation", "Translation3D", places));
             self.file.chunk("/world/aircraft", measured.len(), columns)?;
         }
         let all: Vec<&PoseEvent> = poses.iter().collect();
         for (entity, of) in SCALARS {
             let values: Vec<Vec<f64>> = all.iter().map(|p| of(p)).collect();
-            let bytes = values.iter().flatten().flat_map(|v| v.to_le_bytes());
-            let lists = Array::lists(values.iter().map(Vec::len), Array::plain(Type::F64, bytes));
+            let rows = lists(values.iter().map(Vec::len), Float64Array::from(values.concat()));
             let mut columns = times(&all);
-            columns.push(component("Scalars", "scalars", "Scalar", lists));
+            columns.push(component("Scalars", "scalars", "Scalar", rows));
             self.file.chunk(entity, all.len(), columns)?;
         }
         Ok(())
@@ -151,31 +142,6 @@ const SCALARS: [(&str, Curve); 6] = [
     ("/residual_px", |p| p.residual_px.into_iter().collect()),
     ("/latency_ms", |p| vec![p.latency_ms]),
 ];
-
-fn component(archetype: &str, field: &str, of: &str, array: Array) -> Column {
-    let about = vec![
-        ("rerun:archetype", format!("rerun.archetypes.{archetype}")),
-        ("rerun:component", format!("{archetype}:{field}")),
-        ("rerun:component_type", format!("rerun.components.{of}")),
-        ("rerun:kind", "data".to_owned()),
-    ];
-    Column { name: format!("{archetype}:{field}"), about, array }
-}
-
-fn index(name: &str, of: Type, ns: impl IntoIterator<Item = i64>) -> Column {
-    let about = vec![
-        ("rerun:index_name", name.to_owned()),
-        ("rerun:is_sorted", "true".to_owned()),
-        ("rerun:kind", "index".to_owned()),
-    ];
-    let array = Array::plain(of, ns.into_iter().flat_map(i64::to_le_bytes));
-    Column { name: name.to_owned(), about, array }
-}
-
-/// Numbers in single precision.
-fn floats<'a>(values: impl IntoIterator<Item = &'a f64>) -> Array {
-    Array::plain(Type::F32, values.into_iter().flat_map(|v| (*v as f32).to_le_bytes()))
-}
 
 impl Outlet for Rerun {
     fn event(&mut self, event: &Event) -> Result<(), LinkError> {

@@ -9,7 +9,6 @@ use std::time::Duration;
 /// Longest that a full buffer of the system holds a sender up.
 const SENDING: Duration = Duration::from_millis(1);
 
-/// Opens a port.
 pub(crate) fn open(outlet: &'static str, from: SocketAddr) -> Result<UdpSocket, LinkError> {
     let fault = |source| LinkError::Open { outlet, address: from.to_string(), source };
     let socket = UdpSocket::bind(from).map_err(fault)?;
@@ -27,8 +26,7 @@ pub(crate) fn any_port_towards(to: SocketAddr) -> SocketAddr {
     }
 }
 
-/// Whether this says only that nothing has come, or gone, this time; or what the far machine says of a
-/// datagram before: that nobody listens there.
+/// Whether nothing has come or gone this time, or nobody listens at the far end: neither is a fault.
 pub(crate) fn is_no_fault(kind: io::ErrorKind) -> bool {
     use io::ErrorKind::{ConnectionRefused, ConnectionReset, Interrupted, TimedOut, WouldBlock};
     matches!(kind, WouldBlock | TimedOut | Interrupted | ConnectionRefused | ConnectionReset)

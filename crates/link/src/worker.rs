@@ -21,8 +21,7 @@ pub(crate) struct Worker {
 }
 
 impl Worker {
-    /// Calls `step` again and again. A step takes no longer than the network makes it wait, [`PATIENCE`] as a
-    /// rule.
+    /// Calls `step` again and again; a step waits for the network for [`PATIENCE`] as a rule.
     pub(crate) fn start(mut step: impl FnMut() + Send + 'static) -> Self {
         let ending = Arc::new(AtomicBool::new(false));
         let asked = Arc::clone(&ending);

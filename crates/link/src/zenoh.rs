@@ -52,9 +52,10 @@ impl Zenoh {
 
 impl Outlet for Zenoh {
     fn event(&mut self, event: &Event) -> Result<(), LinkError> {
-        let payload = serde_json::to_vec(event).map_err(|e| LinkError::Zenoh(e.to_string()))?;
+        let object = serde_json::to_value(event)?;
+        let kind = object["event"].as_str().unwrap_or_default();
         self.session
-            .put(format!("{}{}", self.stem, event.kind()), payload)
+            .put(format!("{}{kind}", self.stem), object.to_string())
             .encoding(zenoh::bytes::Encoding::APPLICATION_JSON)
             .wait()
             .map_err(|e| LinkError::Zenoh(e.to_string()))

@@ -19,8 +19,7 @@ const WAITING: usize = 2;
 /// Frames that may wait for a tracker where nothing is dropped.
 const WAITING_FAST: usize = 8;
 
-/// Pause of a tracker after its report, so that its search for new balls does not take the processor from the
-/// pose estimate.
+/// Pause of a tracker after its report, which leaves the processor to the pose estimate.
 const POSE_TIME: Duration = Duration::from_millis(1);
 
 /// First wait before a source is opened again.
@@ -28,7 +27,6 @@ const FIRST_WAIT_NS: i64 = 200_000_000;
 /// Longest wait before a source is opened again, after repeated failures.
 const LONGEST_WAIT_NS: i64 = 4_000_000_000;
 
-/// A frame in hand.
 struct Arrival {
     stamp_ns: i64,
     received_ns: i64,
@@ -38,17 +36,29 @@ struct Arrival {
 /// A report of a camera's threads.
 pub(crate) enum Report {
     /// Its source is open.
-    Opened { camera: usize },
-    /// Its source has ended or cannot be opened.
-    Gone { camera: usize, reason: String },
+    Opened {
+        camera: usize,
+    },
+    Gone {
+        camera: usize,
+        reason: String,
+    },
     /// Something went wrong with a frame.
-    Fault { camera: usize, text: String },
+    Fault {
+        camera: usize,
+        text: String,
+    },
     /// A frame is not later than the one before it.
-    WentBack { camera: usize, stamp_ns: i64 },
+    WentBack {
+        camera: usize,
+        stamp_ns: i64,
+    },
     /// The detections of a frame.
     Seen(Seen),
     /// The last report.
-    Ended { camera: usize },
+    Ended {
+        camera: usize,
+    },
 }
 
 /// The detections of a frame.
@@ -71,7 +81,6 @@ pub(crate) struct Shared {
     pub(crate) taps: Vec<Tap>,
 }
 
-/// A running camera.
 pub(crate) struct Camera {
     queue: Arc<Queue<Arrival>>,
     interrupt: Arc<Mutex<Option<Interrupt>>>,
@@ -104,7 +113,6 @@ impl Camera {
         Ok(Self { queue, interrupt, threads: [fetching, tracking] })
     }
 
-    /// Frames dropped so far.
     pub(crate) fn dropped(&self) -> u64 {
         self.queue.dropped()
     }
@@ -123,7 +131,6 @@ impl Camera {
         self.interrupt();
     }
 
-    /// Waits for both threads, which send no more reports.
     pub(crate) fn finish(self) {
         // A thread that panicked has said so.
         self.threads.into_iter().for_each(|t| drop(t.join()));

@@ -67,7 +67,6 @@ pub(crate) fn measured(estimate: &PoseEstimate, motion: Option<&MotionSample>) -
     }
 }
 
-/// One instant as an event.
 pub(crate) fn pose(
     fix: &Fix,
     t_ns: i64,

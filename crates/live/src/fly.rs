@@ -87,7 +87,6 @@ struct Flight<'a> {
     is_fit_checked: bool,
     /// When the latest frame was in hand.
     received_ns: i64,
-    /// Time of the latest frame.
     latest_ns: i64,
     /// When the first frame was in hand.
     first_ns: Option<i64>,

@@ -4,8 +4,7 @@ use crate::LiveError;
 use mavsight_pose::{CausalFilter, MotionNoise, MotionSample, PoseSample, motion_noise};
 use std::thread::JoinHandle;
 
-/// Lengths of the two windows of poses from which the noise is estimated: the first is available soon, the
-/// second is likely to contain a manoeuvre.
+/// Windows of poses for the estimation of the noise: one is available soon, one likely has a manoeuvre in it.
 const WINDOWS_S: [f64; 2] = [5.0, 20.0];
 /// Most poses in a window: twenty seconds at 120 Hz.
 const MOST_KEPT: usize = 2400;

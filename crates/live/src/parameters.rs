@@ -86,7 +86,6 @@ impl Parameters {
     }
 }
 
-/// One output's fit.
 struct Fit {
     output: String,
     columns: Vec<String>,

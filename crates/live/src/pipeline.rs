@@ -81,7 +81,6 @@ impl LivePipeline {
         }
     }
 
-    /// Stamps of a camera's frames that wait.
     fn stamps_ns(&self, camera: usize) -> impl Iterator<Item = i64> {
         self.waiting.iter().filter(move |f| f.camera == camera).map(|f| f.stamp_ns)
     }
@@ -91,7 +90,6 @@ impl LivePipeline {
         (0..self.cameras.len()).all(|c| self.gone[c] || self.stamps_ns(c).count() >= WARM)
     }
 
-    /// Median interval of a camera's frames that wait.
     fn median_interval_s(&self, camera: usize) -> Option<f64> {
         let mut steps: Vec<i64> =
             self.stamps_ns(camera).skip(1).zip(self.stamps_ns(camera)).map(|(b, a)| b - a).collect();

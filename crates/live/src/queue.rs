@@ -26,8 +26,7 @@ struct Inner<T> {
 }
 
 impl<T> Queue<T> {
-    /// A queue for `capacity` items, at least one. If it is full, whoever adds an item `waits` for room, or
-    /// the oldest item is dropped.
+    /// A queue for `capacity` items. If it is full, adding one `waits` for room, or drops the oldest.
     pub(crate) fn new(capacity: usize, waits: bool) -> Self {
         let capacity = capacity.max(1);
         let inner = Inner { items: VecDeque::with_capacity(capacity), dropped: 0, closed: false };
@@ -38,8 +37,7 @@ impl<T> Queue<T> {
         locked(&self.inner)
     }
 
-    /// Adds an item; returns the one that is dropped and counted for it. A closed queue returns the item
-    /// itself.
+    /// Adds an item; returns the one dropped for it, or the item itself from a closed queue.
     pub(crate) fn push(&self, item: T) -> Option<T> {
         let mut inner = self.lock();
         if self.waits {
@@ -66,24 +64,20 @@ impl<T> Queue<T> {
         item
     }
 
-    /// Closes the queue: items in it can still be removed, but none can be added.
     pub(crate) fn close(&self) {
         self.lock().closed = true;
         self.changed.notify_all();
     }
 
-    /// Whether it is closed.
     pub(crate) fn is_closed(&self) -> bool {
         self.lock().closed
     }
 
-    /// Whether it is closed and empty.
     pub(crate) fn is_over(&self) -> bool {
         let inner = self.lock();
         inner.closed && inner.items.is_empty()
     }
 
-    /// Number of dropped items.
     pub(crate) fn dropped(&self) -> u64 {
         self.lock().dropped
     }

@@ -96,7 +96,6 @@ impl RecorderSlot {
         before
     }
 
-    /// The tap that records frames.
     pub(crate) fn tap(self: &Arc<Self>) -> Tap {
         let own = Arc::clone(self);
         Arc::new(move |camera, stamp_ns, frame, detections| {
@@ -177,7 +176,6 @@ impl Recorder {
         Ok(Self { folder: folder.to_owned(), status, worker })
     }
 
-    /// Records a frame and its detections.
     fn frame(&self, camera: usize, stamp_ns: i64, frame: &Arc<Frame>, seen: &[TrackedDetection]) {
         let (frame, detections) = (Arc::clone(frame), seen.to_vec());
         self.put(Item::Frame { camera, stamp_ns, frame, detections });
@@ -200,7 +198,6 @@ impl Recorder {
         }
     }
 
-    /// Records an event that was sent.
     pub(crate) fn sent(&self, event: &Event) {
         // Events are numbers and texts, which always have a JSON form.
         if let Ok(line) = serde_json::to_string(event) {
@@ -284,7 +281,6 @@ fn copy_in(folder: &Path, base: &Path, path: &mut PathBuf) -> Result<(), String>
 
 struct Writer {
     videos: Vec<Y4mWriter>,
-    /// Names of the cameras.
     names: Vec<String>,
     logs: Vec<File>,
     /// Bytes of all lines.

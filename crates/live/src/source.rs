@@ -78,8 +78,7 @@ pub(crate) struct Replay<I> {
     last_ns: Option<(i64, i64)>,
 }
 
-/// Share of an interval between a frame and the decoding of the next: the tracker has the processor
-/// meanwhile, as with a camera that needs no decoding.
+/// Share of an interval that is left to the tracker before the next frame is decoded.
 const IDLE: f64 = 0.3;
 
 impl<I> Replay<I> {
@@ -88,7 +87,6 @@ impl<I> Replay<I> {
         Self { frames, pace, stop, last_ns: None }
     }
 
-    /// Waits for a time if frames have a pace.
     fn wait_until(&self, t_ns: i64) {
         self.pace.iter().for_each(|clock| clock.wait_until(t_ns, &self.stop));
     }

@@ -11,12 +11,9 @@ const STALLED_INTERVALS: f64 = 2.0;
 /// Interval until it is known: that of the slowest camera that can serve an autopilot, four frames a second.
 const SLOWEST_NS: i64 = 250_000_000;
 
-/// The flight's knowledge of one camera.
 #[derive(Debug, Default)]
 pub(crate) struct CameraStatus {
-    /// Time between its frames.
     pub(crate) interval_ns: i64,
-    /// When its last frame arrived.
     last_frame_ns: Option<i64>,
     /// Reason why the source is gone.
     gone: Option<String>,
@@ -41,7 +38,6 @@ pub(crate) struct CameraStatus {
     pub(crate) interrupted_ns: i64,
     /// When a jump back of its stamps was last reported.
     pub(crate) went_back_ns: Option<i64>,
-    /// Time of its latest frame.
     pub(crate) latest_ns: i64,
 }
 
@@ -56,12 +52,10 @@ impl CameraStatus {
         }
     }
 
-    /// Its source was opened.
     pub(crate) fn opened(&mut self, now_ns: i64) {
         (self.opened_ns, self.gone, self.last_frame_ns) = (Some(now_ns), None, None);
     }
 
-    /// Its source has ended or cannot be opened.
     pub(crate) fn gone(&mut self, reason: String) {
         self.gone = Some(reason);
     }
@@ -72,7 +66,6 @@ impl CameraStatus {
         !std::mem::replace(&mut self.is_over, true)
     }
 
-    /// A frame of time `t_ns` has arrived.
     pub(crate) fn arrived(&mut self, t_ns: i64, received_ns: i64, is_dark: bool) {
         (self.last_frame_ns, self.is_dark, self.latest_ns) = (Some(received_ns), is_dark, t_ns);
         self.frames += 1;
@@ -90,7 +83,6 @@ impl CameraStatus {
         self.last_frame_ns.map(|t| t + (STALLED_INTERVALS * self.interval_ns as f64) as i64)
     }
 
-    /// Its state at a time.
     pub(crate) fn state(&self, now_ns: i64) -> CameraState {
         match self.stalls_at_ns() {
             _ if self.gone.is_some() => CameraState::Gone,

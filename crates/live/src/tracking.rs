@@ -7,7 +7,6 @@ const LOST_AFTER: u32 = 2;
 /// Time for which the aircraft counts as found again.
 const FOUND_NS: i64 = 1_000_000_000;
 
-/// The state of tracking, instant by instant.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct TrackingState {
     pub(crate) state: Tracking,
@@ -20,7 +19,6 @@ pub(crate) struct TrackingState {
 }
 
 impl TrackingState {
-    /// Updates the state by an instant.
     pub(crate) fn saw(&mut self, t_ns: i64, measured: bool) -> Tracking {
         if !measured {
             self.missed = self.missed.saturating_add(1);

@@ -6,10 +6,8 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// Longest wait for an item.
 const WAIT: Duration = Duration::from_millis(100);
 
-/// Starts a thread of that name.
 pub(crate) fn spawn(name: &str, run: impl FnOnce() + Send + 'static) -> Result<JoinHandle<()>, LiveError> {
     let builder = std::thread::Builder::new().name(name.to_owned());
     builder.spawn(run).map_err(|source| LiveError::Thread { name: name.to_owned(), source })

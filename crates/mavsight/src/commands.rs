@@ -24,7 +24,6 @@ use anyhow::Result;
 use mavsight_session::SessionError;
 use std::path::Path;
 
-/// Carries out a command.
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     match &cli.command {
         Command::Demo(args) => demo::demo(args),

@@ -228,12 +228,10 @@ pub fn pose_near(state: &FlightState, dt_s: f64) -> Isometry3<f64> {
     near
 }
 
-/// Time in which all but a third of the velocity comes and goes beyond the ends of a flight: within what
-/// small aircraft brake by.
+/// Time constant of the velocity beyond the ends of a flight: within what small aircraft brake by.
 const REST_S: f64 = 0.25;
 
-/// The pose before the first state of a flight or after the last: its velocities fall off with the time
-/// from there.
+/// The pose before the first or after the last state, with velocities that fall off from there.
 fn pose_beyond(end: &FlightState, dt_s: f64) -> Isometry3<f64> {
     pose_near(end, dt_s.signum() * REST_S * (1.0 - (-dt_s.abs() / REST_S).exp()))
 }

@@ -12,12 +12,10 @@ const TICK: Duration = Duration::from_millis(150);
 pub(crate) struct Bars(Mutex<ProgressBar>);
 
 impl Bars {
-    /// No stage yet.
     pub(crate) fn new() -> Self {
         Self(Mutex::new(ProgressBar::hidden()))
     }
 
-    /// Starts a bar with a title.
     pub(crate) fn start(&self, title: &str, steps: Option<u64>) {
         let bar = match steps {
             Some(n) => {
@@ -32,7 +30,6 @@ impl Bars {
         *current = bar;
     }
 
-    /// Ends the running bar.
     pub(crate) fn done(&self) {
         self.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner).finish_and_clear();
     }

@@ -24,7 +24,6 @@ const HEADERS: [(&str, &str); 8] = [
     ("connection", "close"),
 ];
 
-/// An answer with a body.
 pub(crate) fn answer(status: StatusCode, media_type: &'static str, body: &str) -> Response<String> {
     let extra: &[(&str, &str)] = match status {
         StatusCode::METHOD_NOT_ALLOWED => &[("allow", "GET, HEAD")],
@@ -40,7 +39,6 @@ pub(crate) fn answer(status: StatusCode, media_type: &'static str, body: &str) -
     response
 }
 
-/// The answer to a refused request.
 pub(crate) fn refuse(refused: Refusal) -> Response<String> {
     answer(refused.0, "text/plain; charset=utf-8", &format!("{}\n", refused.1))
 }

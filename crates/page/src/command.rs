@@ -16,7 +16,6 @@ pub enum Command {
     SelfCheck,
 }
 
-/// A message with a command, and nothing else.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Ask {

@@ -145,8 +145,7 @@ fn single(headers: &HeaderMap, name: HeaderName) -> Result<Option<&str>, Refusal
     }
 }
 
-/// Writes the last bytes and closes so that all that was written arrives: a part of what the client still
-/// sends is read first.
+/// Writes the last bytes and closes; what the client still sends is read first, so that all arrives.
 async fn close(stream: &mut TcpStream, farewell: &[u8]) -> std::io::Result<()> {
     stream.write_all(farewell).await?;
     stream.shutdown().await?;

@@ -16,7 +16,6 @@ pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The messages that wait for one page.
 #[derive(Debug, Default)]
 pub(crate) struct Mailbox {
     queue: Mutex<Queue>,
@@ -59,7 +58,6 @@ pub(crate) struct Hub {
 #[derive(Debug, Default)]
 struct Pages {
     mailboxes: Vec<Arc<Mailbox>>,
-    /// The messages that a page gets first.
     state: Queue,
     /// Instant of each camera's last picture.
     previewed: HashMap<usize, i64>,
@@ -79,13 +77,11 @@ impl Hub {
         Self { pages: Mutex::default(), token, limits, commands, ended }
     }
 
-    /// Waits for the server's end.
     pub(crate) async fn end(&self) {
         // An error means that the server is gone, which is its end too.
         let _ = self.ended.clone().wait_for(|&ended| ended).await;
     }
 
-    /// Number of open pages.
     pub(crate) fn listeners(&self) -> usize {
         lock(&self.pages).mailboxes.len()
     }

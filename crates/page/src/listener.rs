@@ -19,8 +19,7 @@ const MESSAGE_LIMIT_BYTES: usize = 1024;
 /// The connection ends after this many messages that are no command.
 const NONSENSE_LIMIT: usize = 10;
 
-/// Serves an open page until it leaves, is silent for too long, or the server ends. `received` is what it has
-/// already sent.
+/// Serves an open page until it leaves, is silent too long, or the server ends; `received` came before.
 pub(crate) async fn serve(stream: TcpStream, received: Bytes, mailbox: &Mailbox, hub: &Hub) {
     let config = WebSocketConfig::default()
         .max_message_size(Some(MESSAGE_LIMIT_BYTES))

@@ -47,11 +47,9 @@ impl Kind {
     }
 }
 
-/// Messages in the order of their arrival.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Queue {
     waiting: VecDeque<(Kind, Message)>,
-    /// Poses that fell out.
     pub(crate) dropped: u64,
 }
 

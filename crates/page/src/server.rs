@@ -19,8 +19,7 @@ use crate::{Command, Limits, PageError, access};
 
 /// Commands that may wait; a person presses no more keys than that before something happens.
 const COMMANDS_WAITING: usize = 16;
-/// The system's buffer for a page that does not read: one picture and some poses, so that a slow page shows
-/// new ones.
+/// The system's buffer for a page that does not read: a picture and some poses, so that it shows new ones.
 const SEND_BUFFER_BYTES: u32 = 64 * 1024;
 
 /// Machines that may reach the page.

@@ -53,7 +53,6 @@ pub(crate) fn camera_tables(rig: &Rig) -> Vec<Table> {
     vec![parameters_table(rig), dlt, Table::new(caption, header("point"), residuals.collect())]
 }
 
-/// Six significant digits.
 fn six_digits(value: f64) -> String {
     let digits = if value == 0.0 { 6.0 } else { (5.0 - value.abs().log10().floor()).clamp(0.0, 12.0) };
     format!("{value:.0$}", digits as usize)

@@ -74,7 +74,6 @@ impl Curve {
 /// Points of a column of pixels beyond which a curve is thinned.
 const MOST_OF_A_COLUMN: usize = 5;
 
-/// One panel.
 #[derive(Debug, Clone)]
 pub(crate) struct Panel {
     /// Quantity and unit, beside the axis.

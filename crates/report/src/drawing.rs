@@ -19,14 +19,12 @@ pub(crate) enum BoxRole {
     Volume,
 }
 
-/// A box in the room.
 pub(crate) struct DrawnBox {
     pub role: BoxRole,
     pub low_m: [f64; 3],
     pub high_m: [f64; 3],
 }
 
-/// A camera in the room.
 pub(crate) struct DrawnCamera {
     pub name: String,
     pub centre_m: [f64; 3],
@@ -36,7 +34,6 @@ pub(crate) struct DrawnCamera {
     pub upright_m: [[f64; 3]; 2],
 }
 
-/// A room.
 pub(crate) struct RoomDrawing {
     /// Drawn in order; the first gives the extent.
     pub boxes: Vec<DrawnBox>,
@@ -90,7 +87,6 @@ pub(crate) fn draw_room(room: &RoomDrawing) -> Result<String, ReportError> {
     })
 }
 
-/// One view: X against the axis `up`.
 fn draw_view(area: &Area<'_>, room: &RoomDrawing, extent: &DrawnBox, up: usize) -> Drawn {
     let (title, y_axis) =
         if up == 1 { ("Plan, from above", "Y, m") } else { ("Elevation, towards +Y", "Z, m") };

@@ -24,7 +24,6 @@ pub(crate) fn figure(caption: &str, panels: Vec<Panel>) -> Result<Figure, Report
     figure_over("time, s", caption, panels)
 }
 
-/// Panels over another axis.
 pub(crate) fn figure_over(
     axis: &'static str,
     caption: &str,
@@ -58,8 +57,7 @@ pub(crate) fn precision(rig: &Rig, pixel_std_px: f64) -> Result<Vec<Figure>, Rep
     Ok(vec![Figure { caption, markup: draw_heat_maps(&maps, "mm")? }])
 }
 
-/// Figure 4: the object as the first camera sees it; figure 6: the path of the flight over a frame of each
-/// camera.
+/// Figure 4: the object from the first camera; figure 6: the flight's path over a frame of each camera.
 pub(crate) fn pictures(frames: &[Frame], results: &RunResults) -> Result<Vec<Figure>, ReportError> {
     let mut figures = Vec::new();
     let Some(rig) = &results.rig else { return Ok(figures) };
@@ -132,7 +130,6 @@ fn png(rgb: Vec<u8>, width: u32, height: u32) -> Result<Vec<u8>, ReportError> {
     Ok(bytes.into_inner())
 }
 
-/// Figure 7.
 pub(crate) fn inputs(recorded: &InputSeries) -> Result<Figure, ReportError> {
     // Thinned one by one: an hour's inputs are many.
     let series = |label: &str, role: Role, f: Of<'_, InputSample>| {
@@ -238,7 +235,6 @@ pub(crate) fn motion(
     (0..MOTION.len()).map(drawn).collect()
 }
 
-/// How good each frame was.
 pub(crate) fn quality(results: &RunResults) -> Result<Vec<Figure>, ReportError> {
     let poses = &results.poses;
     if !poses.iter().any(|p| p.estimate.is_ok()) {

@@ -64,7 +64,6 @@ fn lead(flight: &FlightReport<'_>, results: &RunResults) -> String {
     format!("{}: {instants} instants over {end_s:.1} s.{truth}", flight.vehicle.name)
 }
 
-/// The few figures that a reader looks for first.
 fn headline(summary: &Summary) -> Vec<(String, String)> {
     let wanted = [
         ("poses", "measured", "frames measured"),
@@ -93,7 +92,6 @@ fn summary_tables(summary: &Summary) -> Vec<Table> {
     sections.map(table).collect()
 }
 
-/// Table 2 of the paper.
 fn vehicle_table(v: &Vehicle) -> Table {
     let (r, e) = (&v.rotor, &v.environment);
     let inertia = v.inertia_kg_m2.map(|i| i.to_string()).join(", ");

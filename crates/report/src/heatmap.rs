@@ -20,8 +20,7 @@ pub(crate) struct HeatMap {
 }
 
 impl HeatMap {
-    /// The horizontal and the upright plane through the middle of a volume, with so many cells along each
-    /// side.
+    /// The horizontal and the upright plane through a volume's middle, `cells` along each side.
     pub(crate) fn through(
         volume: &Volume,
         cells: usize,
@@ -53,8 +52,7 @@ const HEIGHT: u32 = 400;
 const BAR_WIDTH: u32 = 110;
 const BAR_STEPS: usize = 64;
 
-/// Cividis at every fifth of its length: rises in lightness, and reads the same with red-green blindness
-/// (Nuñez, Anderton & Renslow 2018).
+/// Cividis at every fifth (Nuñez, Anderton & Renslow 2018), the same to readers with red-green blindness.
 const CIVIDIS: [[f64; 3]; 6] = [
     [0.0, 32.0, 77.0],
     [49.0, 68.0, 107.0],

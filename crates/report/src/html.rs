@@ -52,7 +52,6 @@ impl Table {
     }
 }
 
-/// A row whose first cell is its name.
 pub(crate) fn row<C: Into<String>>(
     first: impl Into<String>,
     cells: impl IntoIterator<Item = C>,

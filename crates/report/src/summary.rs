@@ -29,7 +29,6 @@ pub struct Summary {
     pub notes: Vec<String>,
 }
 
-/// Adds figures to one section.
 pub(crate) struct Section<'a> {
     name: &'static str,
     /// Before the keys and the labels of one camera, marker or fit.
@@ -38,7 +37,6 @@ pub(crate) struct Section<'a> {
 }
 
 impl Section<'_> {
-    /// A figure for people and machines.
     pub(crate) fn add(
         &mut self,
         key: impl Into<String>,

@@ -16,8 +16,7 @@ pub struct PaintedBall {
     pub linear: [f64; 3],
 }
 
-/// A part of a moving object: shape, colour in linear light, gloss, and the share of the background's light
-/// that passes.
+/// A part of a moving object: shape, linear colour, gloss, and the share of light that passes through it.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Part {
     pub shape: Shape,

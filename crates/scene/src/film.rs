@@ -194,8 +194,7 @@ impl Lens {
         let reach = if blur_px > 0.0 { (4.0 * blur_px).ceil() as usize } else { 0 };
         let count = PART_SAMPLES * (2 * reach + 1);
         let offset_px = |k: usize| (k as f64 + 0.5) / PART_SAMPLES as f64 - reach as f64 - 0.5;
-        // The Gaussian's mean over the pixel around each sample; without blur every sample of the one pixel
-        // counts alike.
+        // The Gaussian's mean over the pixel around each sample; without blur all samples count alike.
         let weight = |k: usize| {
             let within = |part: usize| offset_px(k) + (part as f64 + 0.5) / PIXEL_PARTS as f64 - 0.5;
             (0..PIXEL_PARTS).map(|part| (-0.5 * (within(part) / blur_px).powi(2)).exp()).sum::<f64>()

@@ -41,8 +41,7 @@ impl Lamp {
     }
 }
 
-/// Light from all sides that walls, floor and ceiling throw back: more from the bright ceiling and walls than
-/// from the floor.
+/// Light thrown back from all sides: more from the bright ceiling and walls than from the floor.
 pub(crate) fn ambient_irradiance(normal: &V) -> f64 {
     0.95 + 0.22 * normal.z
 }

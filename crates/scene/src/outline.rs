@@ -17,7 +17,6 @@ pub(crate) struct Outline {
 const LEAST_DEPTH_M: f64 = 0.05;
 
 impl Outline {
-    /// Everywhere.
     pub(crate) const ALL: Self =
         Self { from: Vector2::new(0.0, 0.0), to: Vector2::new(0.0, 0.0), reach: f64::INFINITY };
 

@@ -68,8 +68,7 @@ fn room_light(room: &Room, ray: &Ray, sample: usize, seed: u64) -> [f64; 3] {
     }
     let at = ray.origin + ray.direction * (hit.distance_m - 1e-4) + hit.normal * 1e-3;
     let mut irradiance = 0.0;
-    // Each sample of a pixel looks at a third of the lamps; over the pixel's nine, each lamp is looked at
-    // three times.
+    // Each sample of a pixel looks at a third of the lamps, and the nine at each lamp three times.
     for (k, lamp) in room.lamps.iter().enumerate().filter(|(k, _)| (k + sample).is_multiple_of(3)) {
         let counter = seed ^ ((k as u64) << 33);
         let third = (sample / 3) % 3;
@@ -198,8 +197,7 @@ impl<'a> Composer<'a> {
         self
     }
 
-    /// Samples of one row of pixels with the moving parts over the plate, [`PART_SAMPLES`] rows of as many to
-    /// a pixel.
+    /// Samples of one row of pixels with the moving parts over the plate, [`PART_SAMPLES`] squared a pixel.
     pub(crate) fn row(&self, y: usize, columns: (usize, usize), samples: &mut [[f32; 3]]) {
         let width = (columns.1 - columns.0) * PART_SAMPLES;
         for x in columns.0..columns.1 {

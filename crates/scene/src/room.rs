@@ -40,12 +40,6 @@ pub struct Room {
     tree: Tree,
 }
 
-impl Default for Room {
-    fn default() -> Self {
-        Self::meeting_room()
-    }
-}
-
 impl Room {
     /// Two desks, four chairs, a cupboard, a board, a bin, a door and a poster under six lamps.
     pub fn meeting_room() -> Self {

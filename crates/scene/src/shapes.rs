@@ -11,8 +11,7 @@ pub(crate) struct Ray {
     pub direction: V,
 }
 
-/// The part of an image that a ray stands for: a square with sides along two directions, and its angular
-/// width.
+/// The square of an image that a ray stands for: its two directions and its angular width.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Footprint {
     pub sides: [V; 2],

@@ -6,8 +6,7 @@ use crate::render::{Composer, Moving, PART_SAMPLES, Region, exposure, region_of}
 use crate::shapes::Shape;
 use nalgebra::Isometry3;
 
-/// Frames of the empty room that are coded beforehand; outside the aircraft the noise repeats after this
-/// number of frames.
+/// Coded frames of the empty room, after which the noise outside the aircraft repeats.
 const BACKGROUNDS: u64 = 8;
 
 /// Samples that one ray represents, each way, near a ball, whose centre is then true to a hundredth of a

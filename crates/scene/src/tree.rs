@@ -79,8 +79,7 @@ impl Tree {
         self.nodes[own].next = self.nodes.len();
     }
 
-    /// Calls `look` with each item whose bounds a ray meets up to a distance; `look` returns the distance up
-    /// to which further items are of interest.
+    /// Calls `look` with each item whose bounds a ray meets within a distance, which `look` may reduce.
     pub(crate) fn along(&self, ray: &Ray, within_m: f64, mut look: impl FnMut(usize) -> f64) {
         let inverse = ray.direction.map(|d| 1.0 / d);
         let (mut within_m, mut at) = (within_m, 0);

@@ -1,7 +1,7 @@
 //! Truth files: the simulator's own values, which scoring alone reads.
 
 use mavsight_flight::Vehicle;
-use mavsight_session::{Session, SessionError, Table, csv_cell, write_numbers, write_whole};
+use mavsight_session::{Session, SessionError, Table, write_csv, write_numbers};
 use mavsight_simulator::FlightState;
 use std::path::Path;
 
@@ -86,17 +86,15 @@ pub fn write_visibility(
     vehicle: &Vehicle,
     shares: &[Vec<Vec<f64>>],
 ) -> Result<(), SessionError> {
-    let mut text = "t_s,camera".to_owned();
-    vehicle.marker.iter().for_each(|m| text += &format!(",{}", csv_cell(&m.name)));
-    text.push('\n');
-    for (row, of_cameras) in truth.iter().zip(shares) {
-        for (camera, of_markers) in cameras.iter().zip(of_cameras) {
-            text += &format!("{:.9},{}", row.t_s, csv_cell(camera));
-            of_markers.iter().for_each(|share| text += &format!(",{share:.3}"));
-            text.push('\n');
-        }
-    }
-    write_whole(path, text.as_bytes())
+    let header = ["t_s", "camera"].into_iter().chain(vehicle.marker.iter().map(|m| m.name.as_str()));
+    let of_instant = |(row, of_cameras): (&FlightState, &Vec<Vec<f64>>)| -> Vec<Vec<String>> {
+        let cells = |(camera, of_markers): (&String, &Vec<f64>)| {
+            let shares = of_markers.iter().map(|share| format!("{share:.3}"));
+            [format!("{:.9}", row.t_s), camera.clone()].into_iter().chain(shares).collect()
+        };
+        cameras.iter().zip(of_cameras).map(cells).collect()
+    };
+    write_csv(path, header, truth.iter().zip(shares).flat_map(of_instant))
 }
 
 /// Reads the truth of a session, where it has one.

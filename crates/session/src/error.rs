@@ -37,11 +37,8 @@ pub enum SessionError {
         source: Box<dyn std::error::Error + Send + Sync>,
     },
     /// A video or image sequence without frames.
-    #[error("{}: the recording has no frames: record it again, or correct the path", path.display())]
-    NoFrames {
-        /// The file or pattern.
-        path: PathBuf,
-    },
+    #[error("{}: the recording has no frames: record it again, or correct the path", .0.display())]
+    NoFrames(PathBuf),
     /// A recording shorter or longer than it says.
     #[error("{}: the file announces {declared} frames but {read} were read: it is damaged or cut off; copy it again", path.display())]
     FrameCount {
@@ -108,7 +105,6 @@ impl SessionError {
     }
 }
 
-/// Refuses a path at which there is no file.
 pub(crate) fn require_file(path: &Path, role: &str) -> Result<(), SessionError> {
     if path.is_file() {
         return Ok(());

@@ -7,8 +7,7 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-/// A file that is being written next to its place: renamed into it when it is whole, gone when it is dropped
-/// before.
+/// A file written next to its place: renamed into it when whole, gone when dropped before.
 #[derive(Debug)]
 pub(crate) struct PartFile {
     path: PathBuf,
@@ -36,7 +35,6 @@ impl PartFile {
         Ok(this)
     }
 
-    /// Puts it into its place.
     pub(crate) fn keep(&self) -> Result<(), SessionError> {
         std::fs::rename(&self.part, &self.path).map_err(|e| SessionError::io(&self.path, "write it", e))
     }
@@ -44,8 +42,7 @@ impl PartFile {
 
 impl Drop for PartFile {
     fn drop(&mut self) {
-        // There is none where it was kept. That a half file cannot be removed is less important than why it
-        // is half.
+        // Nothing is there once it was kept; otherwise the reason why it is half counts, not that it remains.
         drop(std::fs::remove_file(&self.part));
     }
 }
@@ -93,7 +90,19 @@ pub fn write_toml(path: &Path, value: &impl Serialize) -> Result<(), SessionErro
     write_whole(path, toml_text(path, value)?.as_bytes())
 }
 
-/// A value as TOML, to be written to a path.
 pub(crate) fn toml_text(path: &Path, value: &impl Serialize) -> Result<String, SessionError> {
     toml::to_string(value).map_err(|e| SessionError::express(path, "express it as TOML", e))
+}
+
+/// Writes a value as JSON, indented for people.
+///
+/// # Errors
+/// What the file system refuses.
+pub fn write_json(path: &Path, value: &impl Serialize) -> Result<(), SessionError> {
+    write_whole(path, json_text(path, value)?.as_bytes())
+}
+
+pub(crate) fn json_text(path: &Path, value: &impl Serialize) -> Result<String, SessionError> {
+    let text = serde_json::to_string_pretty(value);
+    text.map(|t| t + "\n").map_err(|e| SessionError::express(path, "express it as JSON", e))
 }

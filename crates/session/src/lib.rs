@@ -15,7 +15,7 @@ pub mod video;
 
 pub use config::{Session, cameras_of, load_model, load_vehicle};
 pub use error::SessionError;
-pub use files::{make_folder, read_toml, write_toml, write_whole};
+pub use files::{make_folder, read_toml, write_json, write_toml, write_whole};
 pub use mavsight_link::LiveSection;
 pub use results::{
     FlightTable, MarkerAsBuilt, RESULTS_SCHEMA, RunResults, has_assumed_std, read_body, read_flight_table,
@@ -26,7 +26,7 @@ pub use session_file::{
     ControlSection, Estimate, FieldOrder, LineTime, RigSection, SESSION_SCHEMA, SessionCamera, SessionFile,
     WandSection,
 };
-pub use table::{Row, Table, csv_cell};
+pub use table::{Row, Table, write_csv};
 pub use tables::{read_control_points, write_control_points, write_inputs, write_numbers};
 pub use video::{FrameSource, LiveVideo, Y4mWriter, ffmpeg_program, find_clap, read_image, write_png};
 

@@ -9,7 +9,6 @@ use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::Field;
 use std::path::Path;
 
-/// A table's header and rows.
 pub(crate) fn read(path: &Path, role: &str) -> Result<(Vec<String>, Vec<StringRecord>), SessionError> {
     require_file(path, role)?;
     let broken = |e: ParquetError| {

@@ -1,18 +1,35 @@
 //! Comma-separated tables with a header, read by column name.
 
-use crate::{SessionError, error::read_text};
+use crate::{SessionError, error::read_text, files::PartFile};
 use csv::StringRecord;
-use std::borrow::Cow;
+use std::io;
 use std::path::{Path, PathBuf};
 
-/// A cell of a table as readers here have it back: in quotes where it holds a comma, a quote or a line break,
-/// or begins with what makes a comment.
-pub fn csv_cell(text: &str) -> Cow<'_, str> {
-    if text.contains([',', '"', '\n', '\r']) || text.starts_with('#') {
-        Cow::Owned(format!("\"{}\"", text.replace('"', "\"\"")))
-    } else {
-        Cow::Borrowed(text)
-    }
+/// Lines of a table after its header; cells are quoted where needed, also those that begin like a comment.
+pub(crate) fn csv_lines<T: AsRef<[u8]>>(
+    out: &mut dyn io::Write,
+    header: impl IntoIterator<Item = T>,
+) -> io::Result<csv::Writer<&mut dyn io::Write>> {
+    let mut lines = csv::WriterBuilder::new().comment(Some(b'#')).from_writer(out);
+    lines.write_record(header)?;
+    Ok(lines)
+}
+
+/// Writes a table; cells that need quotes get them.
+///
+/// # Errors
+/// What the file system refuses.
+pub fn write_csv<T: AsRef<[u8]>>(
+    path: &Path,
+    header: impl IntoIterator<Item = T>,
+    rows: impl IntoIterator<Item = Vec<String>>,
+) -> Result<(), SessionError> {
+    let write = |out: &mut dyn io::Write| {
+        let mut lines = csv_lines(out, header)?;
+        rows.into_iter().try_for_each(|row| lines.write_record(row))?;
+        lines.flush()
+    };
+    PartFile::write(path, write)?.keep()
 }
 
 /// A table in memory. Its errors are a file that is missing, a row that is broken, no rows where there must

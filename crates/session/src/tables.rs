@@ -1,7 +1,7 @@
 //! The tables of a session, both ways: inputs, control points and pixels.
 
-use crate::table::{Table, csv_cell};
-use crate::{SessionError, write_whole};
+use crate::SessionError;
+use crate::table::{Table, write_csv};
 use mavsight_flight::{Color, InputChannel, InputSample, InputSeries};
 use mavsight_pipeline::{ControlPixel, ControlPointRow};
 use std::path::Path;
@@ -65,12 +65,7 @@ pub fn write_numbers(
     columns: &[&str],
     rows: impl Iterator<Item = Vec<f64>>,
 ) -> Result<(), SessionError> {
-    let mut text = columns.join(",") + "\n";
-    for row in rows {
-        let cells: Vec<String> = row.iter().map(|x| format!("{x:.12}")).collect();
-        text += &(cells.join(",") + "\n");
-    }
-    write_whole(path, text.as_bytes())
+    write_csv(path, columns, rows.map(|row| row.iter().map(|x| format!("{x:.12}")).collect()))
 }
 
 /// Reads `name,x_m,y_m,z_m,diameter_m,color` and, if it is there, `std_m`; an empty cell of it is 0.
@@ -112,14 +107,13 @@ pub fn read_control_points(path: &Path) -> Result<Vec<ControlPointRow>, SessionE
 /// What the file system refuses.
 pub fn write_control_points(path: &Path, points: &[ControlPointRow]) -> Result<(), SessionError> {
     let surveyed = points.iter().any(|p| p.std_m > 0.0);
-    let mut text = CONTROL_COLUMNS.join(",");
-    text += &if surveyed { format!(",{SURVEY_COLUMN}\n") } else { "\n".to_owned() };
-    for p in points {
-        let [x, y, z] = p.position_m;
-        let std = if surveyed { format!(",{}", p.std_m) } else { String::new() };
-        text += &format!("{},{x},{y},{z},{},{}{std}\n", csv_cell(&p.name), p.diameter_m, p.color);
-    }
-    write_whole(path, text.as_bytes())
+    let rows = points.iter().map(|p| {
+        let [x, y, z] = p.position_m.map(|v| v.to_string());
+        let mut cells = vec![p.name.clone(), x, y, z, p.diameter_m.to_string(), p.color.to_string()];
+        cells.extend(surveyed.then(|| p.std_m.to_string()));
+        cells
+    });
+    write_csv(path, CONTROL_COLUMNS.into_iter().chain(surveyed.then_some(SURVEY_COLUMN)), rows)
 }
 
 /// Reads `camera,name,u_px,v_px`; every camera and name must be among those given.

@@ -125,11 +125,10 @@ impl FrameSource {
 
     fn end(&self) -> Option<SessionError> {
         let Some((first_ns, last_ns)) = self.span_ns else {
-            return Some(SessionError::NoFrames { path: self.path.clone() });
+            return Some(SessionError::NoFrames(self.path.clone()));
         };
         let interval_s = (last_ns - first_ns) as f64 * 1e-9 / self.read.saturating_sub(1).max(1) as f64;
-        // A declared length is rounded, and the last frame's own length may be left out of it; of some
-        // containers it is the end's time.
+        // A declared length is rounded, may lack the last frame's length, and of some containers is the end.
         let by_length = self.opened.declared_s.filter(|_| self.read > 1).and_then(|length_s| {
             let begins_s = (first_ns as f64 * 1e-9).max(0.0);
             let frames = ((length_s - begins_s) / interval_s).round().max(0.0) as usize;

@@ -25,12 +25,20 @@ pub enum SimulatorError {
         /// The time before.
         before_s: f64,
     },
-    /// A scenario that cannot be flown.
-    #[error("scenario: {what}")]
-    Scenario {
-        /// What is wrong and what to do.
-        what: String,
+    /// A number of a scenario that must be above zero.
+    #[error("scenario: {key} is {value}, but must be above zero")]
+    NotPositive {
+        /// Key in the scenario file.
+        key: &'static str,
+        /// Its value.
+        value: f64,
     },
+    /// A manoeuvre, as the scenario has it, without a length or with a number that is not finite.
+    #[error("scenario: {0} needs finite numbers and a length above zero")]
+    Maneuver(String),
+    /// What a scenario needs and has not.
+    #[error("scenario: {0}")]
+    Scenario(&'static str),
     /// The integrator failed.
     #[error("the simulation broke down at {t_s:.3} s ({detail}): check inertia, flapping times and inputs")]
     Integration {
@@ -39,10 +47,4 @@ pub enum SimulatorError {
         /// The integrator's message.
         detail: String,
     },
-}
-
-impl SimulatorError {
-    pub(crate) fn scenario(what: impl Into<String>) -> Self {
-        Self::Scenario { what: what.into() }
-    }
 }

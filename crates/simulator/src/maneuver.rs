@@ -158,8 +158,7 @@ impl Maneuver {
             }
         };
         if numbers.iter().any(|v| !v.is_finite()) || numbers[1] <= 0.0 {
-            let what = format!("{self:?} needs finite numbers and a length above zero");
-            return Err(SimulatorError::scenario(what));
+            return Err(SimulatorError::Maneuver(format!("{self:?}")));
         }
         let no_sine = match self {
             Self::Multisine { harmonics, .. } => harmonics.is_empty() || harmonics.contains(&0),
@@ -167,7 +166,7 @@ impl Maneuver {
             _ => false,
         };
         if no_sine {
-            return Err(SimulatorError::scenario("a multisine needs harmonics of 1 or more"));
+            return Err(SimulatorError::Scenario("a multisine needs harmonics of 1 or more"));
         }
         Ok(())
     }

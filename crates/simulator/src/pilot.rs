@@ -62,7 +62,7 @@ impl Pilot {
         let frame_s = 1.0 / frame_rate_hz;
         let inputs = InputSeries::new(vec![still(0.0), still(frame_s)])?;
         let states = simulate(vehicle, &inputs, &start, &[0.0])?;
-        let state = states.first().copied().ok_or(FlightError::TooFewInputs { found: 0 })?;
+        let state = states.first().copied().ok_or(FlightError::TooFewInputs(0))?;
         Ok(Self {
             vehicle: vehicle.clone(),
             frame_s,

@@ -58,14 +58,14 @@ impl Scenario {
             ("input_rate_hz", self.input_rate_hz),
         ] {
             if !(value.is_finite() && value > 0.0) {
-                return Err(SimulatorError::scenario(format!("{key} is {value}, but must be above zero")));
+                return Err(SimulatorError::NotPositive { key, value });
             }
         }
         if !self.heading_deg.is_finite() || self.position_m.iter().any(|v| !v.is_finite()) {
-            return Err(SimulatorError::scenario("position_m and heading_deg must be finite"));
+            return Err(SimulatorError::Scenario("position_m and heading_deg must be finite"));
         }
         if self.duration_s * self.input_rate_hz.max(self.frame_rate_hz) > 1e7 {
-            return Err(SimulatorError::scenario("more than ten million samples: shorten the flight"));
+            return Err(SimulatorError::Scenario("more than ten million samples: shorten the flight"));
         }
         self.staging.check()?;
         self.maneuver.iter().try_for_each(Maneuver::check)
@@ -129,6 +129,6 @@ mod tests {
     #[test]
     fn a_scenario_without_length_is_refused() {
         let scenario = Scenario { duration_s: 0.0, ..Scenario::paper() };
-        assert!(matches!(scenario.inputs(&Vehicle::paper()), Err(SimulatorError::Scenario { .. })));
+        assert!(matches!(scenario.inputs(&Vehicle::paper()), Err(SimulatorError::NotPositive { .. })));
     }
 }

@@ -155,7 +155,7 @@ impl Staging {
             (self.bump.iter().all(turns), "a bump needs a finite at_s and turn_deg"),
         ];
         let unmet = needs.into_iter().find(|(is_met, _)| !is_met);
-        unmet.map_or(Ok(()), |(_, what)| Err(SimulatorError::scenario(what)))
+        unmet.map_or(Ok(()), |(_, what)| Err(SimulatorError::Scenario(what)))
     }
 }
 

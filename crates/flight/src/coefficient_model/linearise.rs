@@ -39,7 +39,6 @@ impl Linearisation {
         &[10, 16],
     ];
 
-    /// All zero.
     fn zeros() -> Self {
         Self {
             by_state: [[0.0; FLIGHT_STATES]; FLIGHT_STATES],
@@ -47,7 +46,6 @@ impl Linearisation {
         }
     }
 
-    /// Writes a block by the state.
     fn set<const N: usize>(&mut self, row: usize, column: usize, m: &SMatrix<f64, 3, N>) {
         for (i, values) in m.row_iter().enumerate() {
             values.iter().enumerate().for_each(|(j, value)| self.by_state[row + i][column + j] = *value);
@@ -137,7 +135,6 @@ impl Airframe {
         out
     }
 
-    /// What forces and moments do.
     fn add_effects(&self, c: &Coefficients, input: &InputSample, y: &StateVector, out: &mut Linearisation) {
         for Effect { row, which, state, per_unit } in self.effects(input) {
             let by_coefficient = &mut out.by_coefficient[row];

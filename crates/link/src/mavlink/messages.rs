@@ -4,7 +4,6 @@ use mavlink_core::error::{EncoderError, ParserError};
 use mavlink_core::utils::remove_trailing_zeroes;
 use mavlink_core::{Dialect, MavlinkVersion};
 
-/// MAV_FRAME_LOCAL_FRD.
 const LOCAL_FRD: u8 = 20;
 /// MAV_FRAME_BODY_FRD.
 const BODY_FRD: u8 = 12;
@@ -15,15 +14,13 @@ const HEARTBEAT: u32 = 0;
 const TIMESYNC: u32 = 111;
 const ODOMETRY: u32 = 331;
 
-/// A message.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Message {
     id: u32,
     pub(super) payload: Vec<u8>,
 }
 
-/// HEARTBEAT: no mode, MAV_TYPE_ONBOARD_CONTROLLER, MAV_AUTOPILOT_INVALID, MAV_STATE_ACTIVE, MAVLink 3 (as 1
-/// and 2 both say).
+/// HEARTBEAT of an onboard controller that is active, no autopilot, without a mode; MAVLink 3, as 2 says too.
 pub(super) fn heartbeat() -> Message {
     Message { id: HEARTBEAT, payload: vec![0, 0, 0, 0, 18, 8, 0, 4, 3] }
 }
@@ -42,7 +39,6 @@ pub(super) fn odometry(
     Message { id: ODOMETRY, payload }
 }
 
-/// TIMESYNC.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Timesync {
     /// tc1: 0 in a request.
@@ -72,7 +68,6 @@ impl Timesync {
     }
 }
 
-/// The dialect of these messages.
 pub(super) struct Messages;
 
 impl Dialect for Messages {

@@ -15,12 +15,10 @@ const DISCONNECT: u16 = 9;
 const KEEP_ALIVE: u16 = 10;
 const UNRECOGNIZED: u16 = 100;
 
-/// The protocol's version.
 const VERSION: [u8; 4] = [3, 1, 0, 0];
 const TICKS_A_SECOND: u64 = 1_000_000_000;
 const BODY_NUMBER: i32 = 1;
 
-/// What a client asks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Request {
     Connect,
@@ -32,8 +30,7 @@ pub(super) enum Request {
     Other,
 }
 
-/// The request in a packet; none where it is none, or a kind that only servers send. The length that the
-/// packet says may be wrong, as that of libmotioncapture is.
+/// The request in a packet, if it is a client's. The length that it says may be wrong (libmotioncapture).
 pub(super) fn request(packet: &[u8]) -> Option<Request> {
     let (head, rest) = packet.split_at_checked(4)?;
     match u16::from_le_bytes([head[0], head[1]]) {
@@ -54,7 +51,6 @@ pub(super) fn request(packet: &[u8]) -> Option<Request> {
     }
 }
 
-/// One instant.
 pub(super) struct Frame {
     pub(super) sequence: u64,
     /// The pose in the axes that are sent, and the standard deviation of its position in metres.
@@ -64,7 +60,6 @@ pub(super) struct Frame {
     pub(super) times_ns: [i64; 3],
 }
 
-/// A packet of a kind.
 fn packet(kind: u16, payload: &[u8]) -> Vec<u8> {
     let length = u16::try_from(payload.len()).unwrap_or(u16::MAX);
     [&kind.to_le_bytes(), &length.to_le_bytes(), payload].concat()
@@ -87,17 +82,14 @@ pub(super) fn server_info(data_port: u16) -> Vec<u8> {
     packet(SERVER_INFO, &payload)
 }
 
-/// The answer to a question.
 pub(super) fn response(payload: [u8; 4]) -> Vec<u8> {
     packet(RESPONSE, &payload)
 }
 
-/// The answer to what is not understood.
 pub(super) fn unrecognized() -> Vec<u8> {
     packet(UNRECOGNIZED, &[])
 }
 
-/// One instant.
 pub(super) fn frame(frame: &Frame) -> Vec<u8> {
     // Number, no marker sets and other markers, one body.
     let head = [(frame.sequence & 0x7fff_ffff) as i32, 0, 0, 1, BODY_NUMBER];

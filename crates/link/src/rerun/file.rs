@@ -1,7 +1,8 @@
 //! Rerun's file: a header, then messages of `rerun.log_msg.v1alpha1` (Protocol Buffers), each with its kind
 //! and length before it.
 
-use super::arrow::{Array, Column, Type, stream};
+use super::columns::{Column, INDEX, row_ids, stream};
+use std::collections::HashMap;
 use std::fs::File;
 use std::io::{self, Write};
 use std::path::Path;
@@ -21,7 +22,6 @@ pub(super) struct RrdFile {
     ids: u64,
 }
 
-/// A message of Protocol Buffers.
 #[derive(Default)]
 struct Message(Vec<u8>);
 
@@ -89,27 +89,16 @@ impl RrdFile {
 
     /// Writes rows of one entity; without an index they hold for all times.
     pub(super) fn chunk(&mut self, entity: &str, rows: usize, columns: Vec<Column>) -> io::Result<()> {
-        let is_index = |c: &Column| c.about.iter().any(|(key, _)| *key == "rerun:index_name");
-        let is_static = !columns.iter().any(is_index);
-        let row_ids: Vec<u8> = (0..rows).flat_map(|_| self.id().map(u64::to_be_bytes).concat()).collect();
-        let rows = Column {
-            name: "rerun.controls.RowId".into(),
-            about: vec![
-                ("ARROW:extension:metadata", r#"{"namespace":"row"}"#.into()),
-                ("ARROW:extension:name", "rerun.datatypes.TUID".into()),
-                ("rerun:is_sorted", "true".into()),
-                ("rerun:kind", "control".into()),
-            ],
-            array: Array::plain(Type::ID, row_ids.into_iter()),
-        };
+        let is_static = !columns.iter().any(|(field, _)| field.metadata().contains_key(INDEX));
+        let ids = (0..rows).flat_map(|_| self.id().map(u64::to_be_bytes).concat()).collect();
         let id = self.id();
-        let about = [
-            ("rerun:entity_path", entity.to_owned()),
-            ("rerun:id", format!("chunk_{:016X}{:016x}", id[0], id[1])),
-            ("sorbet:version", "0.1.4".to_owned()),
-        ];
-        let all: Vec<Column> = std::iter::once(rows).chain(columns).collect();
-        let payload = stream(&all, &about);
+        let about = HashMap::from([
+            ("rerun:entity_path".to_owned(), entity.to_owned()),
+            ("rerun:id".to_owned(), format!("chunk_{:016X}{:016x}", id[0], id[1])),
+            ("sorbet:version".to_owned(), "0.1.4".to_owned()),
+        ]);
+        let all = std::iter::once(row_ids(ids)).chain(columns).collect();
+        let payload = stream(all, about).map_err(io::Error::other)?;
         // Not compressed; Arrow IPC.
         let message = Message::default()
             .bytes(1, &self.store)

@@ -50,7 +50,6 @@ fn write(at_ns: i64, sender: i32, kind: i32, payload: &[u8]) -> Vec<u8> {
     out
 }
 
-/// A message of the aircraft.
 pub(super) fn message(at_ns: i64, kind: Kind, payload: &[u8]) -> Vec<u8> {
     write(at_ns, SENDER, kind as i32, payload)
 }
@@ -93,7 +92,6 @@ pub(super) fn called_port(call: &[u8]) -> Option<u16> {
     port.filter(|_| words.next().is_none())
 }
 
-/// What a client asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Ask {
     /// By its cookie: what numbers this side gives.

@@ -7,8 +7,7 @@ use std::time::Duration;
 
 /// A camera that is later than usual by this many intervals is not waited for.
 const LATE_INTERVALS: f64 = 1.5;
-/// An open source without a frame for this long is opened again; so is one that has not shown any: a camera
-/// over a network takes some seconds to answer.
+/// An open source is opened again after this time without a frame, or without its first: networks are slow.
 const HANGS_NS: i64 = 3_000_000_000;
 const NEVER_STARTS_NS: i64 = 15_000_000_000;
 /// Cameras without a frame this long after the first ones are not waited for.

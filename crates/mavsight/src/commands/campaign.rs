@@ -7,11 +7,10 @@ use crate::progress::Bars;
 use anyhow::Result;
 use mavsight_pipeline::Progress;
 use mavsight_score::{Campaign, CellSummary, ScoreError};
-use mavsight_session::{RESULTS_SCHEMA, make_folder, write_whole};
+use mavsight_session::{RESULTS_SCHEMA, make_folder, write_json, write_whole};
 use serde_json::json;
 use std::time::Instant;
 
-/// `mavsight campaign`
 pub(crate) fn campaign(args: &Args) -> Result<()> {
     if let Some(threads) = args.threads {
         rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()?;
@@ -36,7 +35,7 @@ pub(crate) fn campaign(args: &Args) -> Result<()> {
     write_whole(&args.out.join("flights.csv"), table.as_bytes())?;
     let summary = campaign.summary(&table);
     let json = json!({ "schema": RESULTS_SCHEMA, "flights": campaign.flights(), "cells": summary });
-    write_whole(&args.out.join("summary.json"), serde_json::to_string_pretty(&json)?.as_bytes())?;
+    write_json(&args.out.join("summary.json"), &json)?;
     outln!(
         "{} flights, {fresh} of them flown now in {seconds:.2} s: {:.0} a second\n",
         campaign.flights(),

@@ -23,7 +23,6 @@ use mavsight_session::{
 };
 use std::path::{Path, PathBuf};
 
-/// `mavsight convert`
 pub(crate) fn convert(args: &Convert) -> Result<()> {
     let place = |path: &Path| path.canonicalize().ok();
     match place(&args.input) {
@@ -59,12 +58,10 @@ pub(crate) fn convert(args: &Convert) -> Result<()> {
     Ok(())
 }
 
-/// A format as the options call it.
 fn name_of(format: Format) -> String {
     format.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
 }
 
-/// A format of other programs for cameras.
 fn camera_format(format: Format) -> Option<CameraFormat> {
     Some(match format {
         Format::Dlt => CameraFormat::Dlt,
@@ -76,10 +73,8 @@ fn camera_format(format: Format) -> Option<CameraFormat> {
     })
 }
 
-/// Markers by name, in body axes.
 type Body = Vec<(String, Vector3<f64>)>;
 
-/// The vehicle's markers, where a vehicle is given.
 fn body(args: &Convert) -> Result<Option<Body>> {
     let Some(path) = &args.vehicle else { return Ok(None) };
     let vehicle = named(load_vehicle(path))?;
@@ -243,7 +238,6 @@ impl Call<'_> {
         CameraOptions { names: names.clone(), sizes: sizes.clone(), origin: *origin, drop_skew: *drop_skew }
     }
 
-    /// The origin of digitised pixels.
     fn origin(&self) -> PixelOrigin {
         self.args.origin.unwrap_or(PixelOrigin::Dltdv8)
     }

@@ -24,12 +24,10 @@ use mavsight_simulator::{FlightState, Scenario, model_coefficients, simulate};
 use mavsight_vision::Frame;
 use std::path::Path;
 
-/// Reads a vehicle, or takes the paper's.
 pub(crate) fn vehicle_of(path: Option<&Path>) -> Result<Vehicle> {
     path.map_or_else(|| Ok(Vehicle::paper()), |p| named(mavsight_session::load_vehicle(p)))
 }
 
-/// Reads a scenario, or takes the paper's.
 pub(crate) fn scenario_of(path: Option<&Path>) -> Result<Scenario> {
     let Some(path) = path else { return Ok(Scenario::paper()) };
     let scenario: Scenario = named(mavsight_session::read_toml(path, "scenario file"))?;
@@ -37,7 +35,6 @@ pub(crate) fn scenario_of(path: Option<&Path>) -> Result<Scenario> {
     Ok(scenario)
 }
 
-/// `mavsight demo`
 pub(crate) fn demo(args: &Demo) -> Result<()> {
     let vehicle = vehicle_of(args.vehicle.as_deref())?;
     let scenario = scenario_of(args.scenario.as_deref())?;
@@ -88,7 +85,6 @@ pub(crate) fn demo(args: &Demo) -> Result<()> {
     finish(&mut results, Some(&scores), &report, &args.out)
 }
 
-/// A flight filmed in the virtual room.
 pub(super) struct FilmedFlight<'a> {
     pub(super) films: &'a [StagedFilm<'a>],
     pub(super) aircraft: &'a Aircraft,
@@ -115,7 +111,6 @@ impl FilmedFlight<'_> {
         Ok((rig, tracked))
     }
 
-    /// A virtual camera as a source of frames.
     fn feed<'b>(&'b self, film: &'b StagedFilm<'b>) -> CameraFeed<'b> {
         let VirtualCamera { name, camera, .. } = &film.camera;
         let frames = self.truth.iter().enumerate().map(move |(n, row)| {
@@ -128,12 +123,10 @@ impl FilmedFlight<'_> {
     }
 }
 
-/// The control frame as a camera sees it.
 pub(super) fn control_still(camera: &VirtualCamera, rgb: Vec<u8>) -> Result<ControlStill> {
     Ok(ControlStill { camera: camera.name.clone(), frame: Frame::from_rgb(camera.camera.size, rgb)? })
 }
 
-/// Places and radii of a vehicle's markers.
 pub(super) fn markers_of(vehicle: &Vehicle) -> Vec<(Vector3<f64>, f64)> {
     vehicle.marker.iter().map(|m| (m.position_m.into(), m.diameter_m / 2.0)).collect()
 }

@@ -25,7 +25,6 @@ use std::process::{Command, Stdio};
 /// What a scenario stages, beside the flight that `simulate` writes.
 pub(super) const STAGING: &str = "staging.toml";
 
-/// Cameras to film with, as a file.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct CameraFile {
@@ -112,7 +111,6 @@ fn cameras_of(path: Option<&Path>) -> Result<Vec<(FilmCamera, Camera)>> {
     file.camera.into_iter().map(|c| c.camera().map(|camera| (c, camera))).collect()
 }
 
-/// A flight and how it is filmed.
 struct Set<'a> {
     args: &'a Film,
     truth: &'a [FlightState],
@@ -122,7 +120,6 @@ struct Set<'a> {
     staging: Staging,
 }
 
-/// `mavsight film`
 pub(crate) fn film(args: &Film) -> Result<()> {
     let vehicle = named(load_vehicle(&args.flight.join("vehicle.toml")))?;
     let truth = named(read_truth(&args.flight.join("truth.csv")))?;
@@ -190,7 +187,6 @@ fn staging_of(flight: &Path) -> Result<Staging> {
     Ok(staging)
 }
 
-/// Films with one camera.
 fn one_camera(
     set: &Set<'_>,
     film: &StagedFilm<'_>,
@@ -247,7 +243,6 @@ fn one_camera(
     })
 }
 
-/// Encodes frames with the `ffmpeg` program.
 fn write_video(
     path: &Path,
     size: mavsight_geometry::ImageSize,

@@ -16,7 +16,6 @@ use mavsight_session::{
     tables::read_inputs, write_results,
 };
 
-/// `mavsight identify`
 pub(crate) fn identify(args: &Identify) -> Result<()> {
     let vehicle = named(load_vehicle(&args.vehicle))?;
     let inputs = named(read_inputs(&args.inputs))?;
@@ -47,8 +46,7 @@ pub(crate) fn identify(args: &Identify) -> Result<()> {
     let has_pose = require_a_pose(&results);
     if let Some(out) = &args.out {
         results.summary = beside_other_stages(out, &results.session, summary.json());
-        // The table came from a file of the caller's, which may lie in the same folder: it is not written
-        // again.
+        // The table came from a file of the caller's, perhaps in this folder: it is not written again.
         if results.poses.is_empty() {
             results.motion = None;
         }
@@ -59,8 +57,7 @@ pub(crate) fn identify(args: &Identify) -> Result<()> {
     has_pose
 }
 
-/// The session whose results the table lies among, where these are written to: they are then beside those
-/// of its other stages.
+/// The session whose results the table lies among, if these go to the same folder.
 fn session_of(args: &Identify) -> Option<String> {
     let out = args.out.as_ref()?.canonicalize().ok()?;
     let among = args.table.canonicalize().ok()?.parent()? == out;

@@ -17,7 +17,6 @@ use std::sync::atomic::AtomicBool;
 /// Share of a parameter's value that is seen enough where the session does not say.
 const ENOUGH: f64 = 0.05;
 
-/// `mavsight live`
 pub(crate) fn live(args: &Live) -> Result<()> {
     if args.seconds.is_some_and(|s| !(s.is_finite() && s > 0.0)) {
         return Err(WrongCall("--for wants seconds above zero".into()).into());
@@ -65,7 +64,6 @@ fn of_session(args: &Live, path: &Path, pace: Pace) -> Result<()> {
     fly_with(args, &session.live(), named(session.control_points())?, begin, setup)
 }
 
-/// The motion noise of the flight that the session names.
 fn noise_of(session: &Session) -> Result<Option<MotionNoise>> {
     let Some(path) = &session.live().poses else { return Ok(None) };
     let markers: Vec<String> = session.vehicle.marker.iter().map(|m| m.name.clone()).collect();

@@ -8,7 +8,7 @@ use mavsight_link::{CameraState, Event, Tracking};
 use mavsight_live::{FlightSummary, Latencies, Listener, Recorder, Setup, fly};
 use mavsight_pipeline::ControlPointRow;
 use mavsight_pose::Rig;
-use mavsight_session::{LiveSection, make_folder, write_whole};
+use mavsight_session::{LiveSection, make_folder, write_json};
 use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;
@@ -18,8 +18,7 @@ use std::time::{Duration, Instant};
 /// Begins a recording of the flight in a folder.
 pub(super) type Begin = Box<dyn Fn(&Path) -> Result<Recorder> + Send>;
 
-/// Adds the listeners that were asked for, flies, and reports. `points` are the control points from which the
-/// page may calibrate.
+/// Adds the listeners, flies, and reports; the page may calibrate from the control points `points`.
 pub(super) fn fly_with(
     args: &Live,
     section: &LiveSection,
@@ -44,7 +43,6 @@ pub(super) fn fly_with(
     finish(args, rig, &flown)
 }
 
-/// Events as JSON, one a line.
 struct Lines {
     stop: Arc<AtomicBool>,
 }
@@ -151,7 +149,7 @@ fn finish(args: &Live, rig: &Rig, flown: &FlightSummary) -> Result<()> {
     }
     if let Some(out) = &args.out {
         make_folder(out)?;
-        write_whole(&out.join("live.json"), &serde_json::to_vec_pretty(&figures)?)?;
+        write_json(&out.join("live.json"), &figures)?;
     }
     if let Some(fault) = &flown.recording_fault {
         anyhow::bail!("the recording is not whole: {fault}");

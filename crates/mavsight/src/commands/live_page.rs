@@ -20,7 +20,6 @@ const PORT: u16 = 8750;
 /// Pictures that may wait to be encoded; more are not needed to be ten a second.
 const WAITING: usize = 2;
 
-/// Latest frame of each camera.
 type Latest = Arc<Mutex<BTreeMap<usize, Arc<Frame>>>>;
 
 /// Serves the page of a flight: it hears of the flight and sees its frames.
@@ -120,8 +119,7 @@ impl<B: Fn(&Path) -> Result<Recorder>> Page<B> {
         self.server.publish(&self.slot.event());
     }
 
-    /// Calibrates from what the cameras show, control points in view, into a rig of its own: the flight goes
-    /// on with the cameras it has.
+    /// Calibrates from what the cameras show into a rig of its own: the flight keeps the cameras it has.
     fn calibrate(&self) -> Result<String> {
         if self.points.is_empty() {
             anyhow::bail!("The session has no control points to calibrate from: give it `[control]`.");

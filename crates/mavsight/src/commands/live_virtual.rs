@@ -26,11 +26,9 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// Frames by which a camera may be ahead of the others where nothing is in real time: the pilot still knows
-/// where the aircraft was for those that are behind.
+/// Frames by which a camera may be ahead: the pilot still knows where the aircraft was for the others.
 const AHEAD: u64 = 32;
 
-/// The pilot, shared by the cameras, the recording and the parameters.
 struct Shared {
     pilot: Mutex<Pilot>,
     recorder: Arc<RecorderSlot>,
@@ -71,7 +69,6 @@ impl InputSource for Commands {
     }
 }
 
-/// The frames of one camera of the room.
 struct VirtualFrames {
     film: FilmStream<'static>,
     camera: VirtualCamera,
@@ -136,7 +133,6 @@ impl Iterator for VirtualFrames {
     }
 }
 
-/// `mavsight live --virtual`
 pub(super) fn fly_virtual(args: &Live, pace: Pace, enough: f64) -> Result<()> {
     if !(args.rate.is_finite() && (1.0..=1000.0).contains(&args.rate)) {
         return Err(WrongCall("--rate wants frames a second, from 1 to 1000".into()).into());

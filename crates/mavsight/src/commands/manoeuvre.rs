@@ -10,7 +10,7 @@ use mavsight_plan::{
     FlightLimits, FlightPlanner, MultisineOptions, Optimality, PlannedManoeuvre, Planner, SearchOptions,
     Solid,
 };
-use mavsight_session::{RESULTS_SCHEMA, csv_cell, make_folder, write_whole};
+use mavsight_session::{RESULTS_SCHEMA, make_folder, write_csv, write_json, write_toml};
 use mavsight_simulator::{Channel, Maneuver, Scenario};
 use serde_json::json;
 
@@ -25,7 +25,6 @@ const BAND_HZ: (f64, f64) = (0.25, 2.5);
 const HARMONICS: usize = 10;
 const ROTOR_PERCENT: f64 = 5.0;
 
-/// `mavsight plan manoeuvre`
 pub(crate) fn manoeuvre(args: &PlanManoeuvre) -> Result<()> {
     let (planner, vehicle) = Planner::load(&args.room).map_err(wrong_call)?;
     let bars = Bars::new();
@@ -80,14 +79,11 @@ pub(crate) fn manoeuvre(args: &PlanManoeuvre) -> Result<()> {
     }
     if let Some(out) = &args.out {
         make_folder(out)?;
-        write_whole(&out.join("manoeuvres.csv"), csv(&plans).as_bytes())?;
-        let text = serde_json::to_string_pretty(&json(&plans, &names))?;
-        write_whole(&out.join("manoeuvres.json"), text.as_bytes())?;
+        let header = ["manoeuvre", "parameter", "value", "std", "identifiable"];
+        write_csv(&out.join("manoeuvres.csv"), header, rows(&plans))?;
+        write_json(&out.join("manoeuvres.json"), &json(&plans, &names))?;
         for (name, plan) in &plans {
-            write_whole(
-                &out.join(format!("scenario-{name}.toml")),
-                toml::to_string(&plan.scenario)?.as_bytes(),
-            )?;
+            write_toml(&out.join(format!("scenario-{name}.toml")), &plan.scenario)?;
         }
         outln!("\nResults: {}", out.display());
     }
@@ -158,7 +154,6 @@ fn ratio(plans: &Plans, plan: &PlannedManoeuvre, names: &[&str]) -> f64 {
     log(plan).zip(log(&plans[0].1)).map_or(f64::INFINITY, |(own, doublet)| (own - doublet).exp())
 }
 
-/// What manoeuvres cannot determine.
 fn verdicts(plans: &Plans) -> Vec<String> {
     let mut out = Vec::new();
     for (name, plan) in plans {
@@ -177,15 +172,14 @@ fn verdicts(plans: &Plans) -> Vec<String> {
     out
 }
 
-fn csv(plans: &Plans) -> String {
-    let mut out = "manoeuvre,parameter,value,std,identifiable\n".to_owned();
-    for (name, plan) in plans {
-        let name = csv_cell(name);
-        for p in &plan.fit.parameters {
-            out += &format!("{name},\"{}\",{:e},{:e},{}\n", p.name, p.value, p.std, p.identifiable);
-        }
-    }
-    out
+fn rows(plans: &Plans) -> impl Iterator<Item = Vec<String>> {
+    plans.iter().flat_map(|(name, plan)| {
+        plan.fit.parameters.iter().map(|p| {
+            let numbers = [p.value, p.std].map(|v| format!("{v:e}"));
+            let names = [name.clone(), p.name.to_owned()];
+            [&names[..], &numbers, &[p.identifiable.to_string()]].concat()
+        })
+    })
 }
 
 fn json(plans: &Plans, names: &[&str]) -> serde_json::Value {

@@ -5,11 +5,11 @@ use crate::out::{out, outln};
 use crate::progress::Bars;
 use anyhow::Result;
 use mavsight_flight::Vehicle;
-use mavsight_plan::{EXAMPLE, Placed, PlanError, Planner, Ranked, SearchOptions, StudyRow};
+use mavsight_plan::{CameraPair, EXAMPLE, Placed, PlanError, Planner, Ranked, SearchOptions, StudyRow};
 use mavsight_report::{CameraPlan, angle_deg, least, write_plan_report};
 use mavsight_session::{
-    ControlSection, RESULTS_SCHEMA, SESSION_SCHEMA, SessionCamera, SessionFile, csv_cell, make_folder,
-    write_control_points, write_toml, write_whole,
+    ControlSection, RESULTS_SCHEMA, SESSION_SCHEMA, SessionCamera, SessionError, SessionFile, make_folder,
+    write_control_points, write_csv, write_json, write_toml, write_whole,
 };
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -23,7 +23,6 @@ const DISTANCES: std::ops::RangeInclusive<u32> = 6..=20;
 const DISTANCE_STEP_M: f64 = 0.5;
 const RIGHT_ANGLE_DEG: f64 = 90.0;
 
-/// `mavsight plan cameras`
 pub(crate) fn cameras(args: &PlanCameras) -> Result<()> {
     if let Some(folder) = &args.example {
         make_folder(folder)?;
@@ -52,11 +51,8 @@ pub(crate) fn cameras(args: &PlanCameras) -> Result<()> {
     out!("{}{}", placement_table(&plan), study_text(&plan));
     if let Some(out) = &args.out {
         make_folder(out)?;
-        write_whole(&out.join("placements.csv"), placements_csv(&plan).as_bytes())?;
-        write_whole(
-            &out.join("plan.json"),
-            serde_json::to_string_pretty(&plan_json(&plan, seconds))?.as_bytes(),
-        )?;
+        write_placements(&plan, &out.join("placements.csv"))?;
+        write_json(&out.join("plan.json"), &plan_json(&plan, seconds))?;
         write_plan_report(&plan, out)?;
         write_start(&plan, &vehicle, out)?;
         outln!("\nResults: {}", out.display());
@@ -77,12 +73,14 @@ fn study(planner: &Planner, best: &Ranked) -> [Vec<StudyRow>; 2] {
     let middle = planner.room().middle_m();
     let n = best.placed.len() as f64;
     let distance_m = best.placed.iter().map(|p| (p.centre_m - middle).norm()).sum::<f64>() / n;
-    let angles: Vec<_> = ANGLES_DEG.map(|k| (ANGLE_STEP_DEG * f64::from(k), distance_m)).collect();
-    let distances: Vec<_> = DISTANCES.map(|k| (RIGHT_ANGLE_DEG, DISTANCE_STEP_M * f64::from(k))).collect();
-    [&angles, &distances].map(|pairs| planner.study(0, pairs))
+    let at_angle = |k: u32| CameraPair { angle_deg: ANGLE_STEP_DEG * f64::from(k), distance_m };
+    let at_distance =
+        |k: u32| CameraPair { angle_deg: RIGHT_ANGLE_DEG, distance_m: DISTANCE_STEP_M * f64::from(k) };
+    let pairs: [Vec<CameraPair>; 2] =
+        [ANGLES_DEG.map(at_angle).collect(), DISTANCES.map(at_distance).collect()];
+    pairs.map(|pairs| planner.study(0, &pairs))
 }
 
-/// For people.
 fn placement_table(plan: &CameraPlan<'_>) -> String {
     let mut out = format!(
         "{:>4} {:>9} {:>9} {:>9} {:>9} {:>9} {:>7}  cameras at X Y Z, m\n",
@@ -115,41 +113,43 @@ fn study_text(plan: &CameraPlan<'_>) -> String {
     if let Some(best) = least(angles) {
         out += &format!(
             "\nTwo cameras {:.2} m from the middle: least error at {:.0}°, {:.3} mm\n",
-            best.distance_m, best.angle_deg, best.prediction.mean.position_std_mm
+            best.pair.distance_m, best.pair.angle_deg, best.prediction.mean.position_std_mm
         );
     }
     if let Some(near) = least(distances) {
         out += &format!(
             "At a right angle: least error {:.1} m from the middle, {:.3} mm; nearer, not all is seen\n",
-            near.distance_m, near.prediction.mean.position_std_mm
+            near.pair.distance_m, near.prediction.mean.position_std_mm
         );
     }
     out
 }
 
-fn placements_csv(plan: &CameraPlan<'_>) -> String {
-    let mut out = "rank,camera,type,x_m,y_m,z_m,aim_x_m,aim_y_m,aim_z_m,mean_position_std_mm,worst_position_std_mm,new_position_std_mm,mean_attitude_std_deg,least_diameter_px\n".to_owned();
-    for (rank, r) in plan.ranked.iter().enumerate() {
-        for (k, c) in r.placed.iter().enumerate() {
-            let (p, kind) = (&r.prediction, csv_cell(&plan.planner.room().camera[c.kind].name));
-            let [x, y, z] = c.centre_m.into();
-            let [aim_x, aim_y, aim_z] = c.aim_m.into();
-            out += &format!(
-                "{},{},{kind},{x:.4},{y:.4},{z:.4},{aim_x:.4},{aim_y:.4},{aim_z:.4},{:.5},{:.5},{:.5},{:.6},{:.3}\n",
-                rank + 1,
-                csv_cell(&plan.planner.name(k)),
-                p.mean.position_std_mm,
-                p.worst.position_std_mm,
-                p.mean.new_position_std_mm,
-                p.mean.attitude_std_deg,
-                p.least_diameter_px
-            );
-        }
-    }
-    out
+fn write_placements(plan: &CameraPlan<'_>, path: &Path) -> Result<(), SessionError> {
+    let header = "rank,camera,type,x_m,y_m,z_m,aim_x_m,aim_y_m,aim_z_m,mean_position_std_mm,worst_position_std_mm,new_position_std_mm,mean_attitude_std_deg,least_diameter_px";
+    let of_rank = |(rank, r): (usize, &Ranked)| -> Vec<Vec<String>> {
+        let p = &r.prediction;
+        let row = |(k, c): (usize, &Placed)| {
+            let names = [(rank + 1).to_string(), plan.planner.name(k), kind_of(plan, c)];
+            let places = c.centre_m.iter().chain(&c.aim_m).map(|v| format!("{v:.4}"));
+            let errors = [
+                format!("{:.5}", p.mean.position_std_mm),
+                format!("{:.5}", p.worst.position_std_mm),
+                format!("{:.5}", p.mean.new_position_std_mm),
+                format!("{:.6}", p.mean.attitude_std_deg),
+                format!("{:.3}", p.least_diameter_px),
+            ];
+            names.into_iter().chain(places).chain(errors).collect()
+        };
+        r.placed.iter().enumerate().map(row).collect()
+    };
+    write_csv(path, header.split(','), plan.ranked.iter().enumerate().flat_map(of_rank))
 }
 
-/// A placed camera in `plan.json`.
+fn kind_of(plan: &CameraPlan<'_>, placed: &Placed) -> String {
+    plan.planner.room().camera[placed.kind].name.clone()
+}
+
 #[derive(Serialize, Deserialize)]
 struct CameraEntry {
     name: String,
@@ -170,7 +170,6 @@ struct Placement {
     cameras: Vec<CameraEntry>,
 }
 
-/// The best placement of a `plan.json`.
 pub(super) fn best_placement(planner: &Planner, path: &Path) -> Result<Vec<Placed>, WrongCall> {
     let wrong = |detail: &str| {
         WrongCall(format!("{}: {detail}: give the plan.json of `mavsight plan cameras`", path.display()))
@@ -189,7 +188,7 @@ pub(super) fn best_placement(planner: &Planner, path: &Path) -> Result<Vec<Place
 fn plan_json(plan: &CameraPlan<'_>, seconds: f64) -> serde_json::Value {
     let entry = |(k, c): (usize, &Placed)| CameraEntry {
         name: plan.planner.name(k),
-        kind: plan.planner.room().camera[c.kind].name.clone(),
+        kind: kind_of(plan, c),
         centre_m: c.centre_m.into(),
         aim_m: c.aim_m.into(),
     };

@@ -12,7 +12,6 @@ use mavsight_session::{RunResults, Session, results::names, write_results};
 use mavsight_simulator::FlightState;
 use std::path::Path;
 
-/// `mavsight run`
 pub(crate) fn run(args: &Run) -> Result<()> {
     let session = named(Session::load(&args.session))?;
     require_folder(&args.out)?;
@@ -44,7 +43,6 @@ pub(crate) fn run(args: &Run) -> Result<()> {
     finish(&mut results, scores.as_ref(), &report, &args.out)
 }
 
-/// Errors of poses and motion against truth.
 pub(crate) fn scores_of(results: &RunResults, truth: &[FlightState]) -> Scores {
     Scores {
         poses: score_poses(&results.poses, truth),
@@ -92,7 +90,6 @@ fn remove_stale(results: &RunResults, out: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Refuses a flight of which nothing was measured.
 pub(crate) fn require_a_pose(results: &RunResults) -> Result<()> {
     match results.poses.first().map(|p| &p.estimate) {
         Some(Err(reason)) if results.poses.iter().all(|p| p.estimate.is_err()) => {

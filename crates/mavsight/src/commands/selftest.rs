@@ -12,10 +12,11 @@ use mavsight_pipeline::{NoProgress, Progress};
 use mavsight_random::Random;
 use mavsight_scene::Room;
 use mavsight_score::{Coverage, TOO_FEW, Tally, VirtualFlight, VirtualLab};
-use mavsight_session::{RESULTS_SCHEMA, Session, make_folder, write_whole};
+use mavsight_session::{RESULTS_SCHEMA, Session, SessionError, make_folder, write_csv, write_json};
 use mavsight_simulator::Staging;
 use rayon::prelude::*;
 use serde_json::json;
+use std::path::Path;
 
 /// Flights by sets of observations, and films, where no number is given.
 const FLIGHTS: u64 = 200;
@@ -24,7 +25,6 @@ const FILMS: u64 = 3;
 /// Flights that are measured before they are counted: bounds the memory.
 const AT_ONCE: u64 = 16;
 
-/// `mavsight selftest`
 pub(crate) fn selftest(args: &Selftest) -> Result<()> {
     let bars = Bars::new();
     let (name, lab) = lab_of(args, &bars)?;
@@ -51,7 +51,7 @@ pub(crate) fn selftest(args: &Selftest) -> Result<()> {
     out!("{}", table(&coverage));
     if let Some(out) = &args.out {
         make_folder(out)?;
-        write_whole(&out.join("selftest.csv"), csv(&coverage).as_bytes())?;
+        write_coverage(&coverage, &out.join("selftest.csv"))?;
         let summary = json!({
             "schema": RESULTS_SCHEMA,
             "laboratory": name,
@@ -65,7 +65,7 @@ pub(crate) fn selftest(args: &Selftest) -> Result<()> {
             "bias_px": lab.bias_px,
             "quantities": coverage,
         });
-        write_whole(&out.join("selftest.json"), serde_json::to_string_pretty(&summary)?.as_bytes())?;
+        write_json(&out.join("selftest.json"), &summary)?;
         outln!("\nResults: {}", out.display());
     }
     let wrong: Vec<String> = coverage
@@ -82,7 +82,6 @@ pub(crate) fn selftest(args: &Selftest) -> Result<()> {
     Ok(())
 }
 
-/// The laboratory, and what it is called.
 fn lab_of(args: &Selftest, bars: &Bars) -> Result<(String, VirtualLab)> {
     let Some(path) = &args.session else {
         return Ok(match args.rig.unwrap_or(BuiltInRig::Paper) {
@@ -116,7 +115,6 @@ fn film(lab: &VirtualLab, seed: u64, index: u64) -> Result<VirtualFlight> {
     Ok(lab.measured(truth, rig, tracked)?)
 }
 
-/// What was tested, in words.
 fn setting(name: &str, lab: &VirtualLab, tally: &Tally, args: &Selftest) -> String {
     let (instants, without) = tally.instants();
     let seen = if args.film {
@@ -138,7 +136,6 @@ fn setting(name: &str, lab: &VirtualLab, tally: &Tally, args: &Selftest) -> Stri
     )
 }
 
-/// For people.
 fn table(coverage: &[Coverage]) -> String {
     let mut out = format!(
         "{:<23} {:>8} {:>15} {:>6} {:>13} {:>10} {:<7} {}\n",
@@ -162,15 +159,15 @@ fn table(coverage: &[Coverage]) -> String {
     out
 }
 
-fn csv(coverage: &[Coverage]) -> String {
-    let mut out =
-        "quantity,unit,share,share_low,share_high,nees,nees_low,nees_high,rms,verdict,accepted\n".to_owned();
-    for c in coverage {
+fn write_coverage(coverage: &[Coverage], path: &Path) -> Result<(), SessionError> {
+    let header = "quantity,unit,share,share_low,share_high,nees,nees_low,nees_high,rms,verdict,accepted";
+    let row = |c: &Coverage| {
         let ([low, high], [least, most]) = (c.share_interval, c.nees_interval);
-        out += &format!(
-            "{},{},{:.5},{low:.5},{high:.5},{:.4},{least:.4},{most:.4},{:.6},{},{}\n",
-            c.quantity, c.unit, c.share, c.nees, c.rms, c.verdict, c.is_accepted
-        );
-    }
-    out
+        let shares = [c.share, low, high].map(|v| format!("{v:.5}"));
+        let nees = [c.nees, least, most].map(|v| format!("{v:.4}"));
+        let names = [c.quantity.to_string(), c.unit.to_string()];
+        let verdict = [format!("{:.6}", c.rms), c.verdict.to_string(), c.is_accepted.to_string()];
+        [&names[..], &shares, &nees, &verdict].concat()
+    };
+    write_csv(path, header.split(','), coverage.iter().map(row))
 }

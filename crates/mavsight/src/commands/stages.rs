@@ -18,7 +18,6 @@ use mavsight_session::{
 use serde_json::Value;
 use std::path::Path;
 
-/// `mavsight simulate`
 pub(crate) fn simulate(args: &Simulate) -> Result<()> {
     let vehicle = vehicle_of(args.vehicle.as_deref())?;
     let scenario = scenario_of(args.scenario.as_deref())?;
@@ -43,14 +42,12 @@ pub(crate) fn simulate(args: &Simulate) -> Result<()> {
     write_inputs(&out.join("inputs.csv"), &inputs)?;
     write_truth(&out.join("truth.csv"), &states)?;
     if !scenario.staging.is_empty() {
-        let text = toml::to_string(&scenario.staging)?;
-        mavsight_session::write_whole(&out.join(STAGING), text.as_bytes())?;
+        write_toml(&out.join(STAGING), &scenario.staging)?;
     }
     outln!("{} instants of {:.2} s: {}", states.len(), scenario.duration_s, out.display());
     Ok(())
 }
 
-/// `mavsight calibrate`
 pub(crate) fn calibrate(args: &Stage) -> Result<()> {
     let session = named(Session::load(&args.session))?;
     require_folder(&args.out)?;
@@ -61,7 +58,6 @@ pub(crate) fn calibrate(args: &Stage) -> Result<()> {
     put(results, &args.out)
 }
 
-/// `mavsight track`
 pub(crate) fn track(args: &Stage) -> Result<()> {
     let session = named(Session::load(&args.session))?;
     let rig = named(read_rig(&args.out.join(names::RIG)))?;
@@ -108,7 +104,6 @@ fn put(mut results: RunResults, out: &Path) -> Result<()> {
     print_summary(&summary, &results, out)
 }
 
-/// `mavsight report`
 pub(crate) fn report(args: &Stage) -> Result<()> {
     let session = named(Session::load(&args.session))?;
     let inputs = recorded_inputs(&session)?;

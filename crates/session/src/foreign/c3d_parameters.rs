@@ -4,7 +4,6 @@ use crate::SessionError;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Bytes of a block.
 pub(super) const BLOCK: usize = 512;
 
 /// How a file writes its numbers.

@@ -55,8 +55,7 @@ pub(super) fn read(path: &Path, options: &CameraOptions) -> Result<Noted<Rig>, S
     Ok(exact_rig(cameras, notes))
 }
 
-/// Takes rounding for what it is: skew and a difference of the focal lengths below a billionth of them are
-/// none.
+/// Sets skew and a difference of the focal lengths to zero below a billionth of them: they are rounding.
 fn upright(mut camera: Camera) -> Camera {
     let k = &mut camera.intrinsics;
     if k.skew_px.abs() < 1e-9 * k.fx_px {

@@ -3,9 +3,9 @@
 
 use super::Noted;
 use super::poses::TimedPose;
+use crate::SessionError;
 use crate::decimal::decimal_from_ns;
-use crate::table::{Table, csv_cell};
-use crate::{SessionError, write_whole};
+use crate::table::{Table, write_csv};
 use mavsight_geometry::{GeometryError, Vector3, rigid_fit};
 use mavsight_pipeline::usual_interval_ns;
 use std::path::Path;
@@ -13,8 +13,7 @@ use std::path::Path;
 /// Columns of the table: one row for each marker and instant, coordinates empty where it was not seen.
 const COLUMNS: [&str; 5] = ["t_s", "marker", "x_m", "y_m", "z_m"];
 
-/// A stamp may be this part of an interval off an even clock: the jitter of a video's stamps, far below the
-/// half at which a frame would be taken for its neighbour.
+/// A stamp may be this part of an interval off an even clock: jitter, far below the half of a neighbour.
 const JITTER: f64 = 0.1;
 
 /// Markers in space.
@@ -66,18 +65,15 @@ pub fn read_table(path: &Path) -> Result<MarkerPaths, SessionError> {
 /// # Errors
 /// What the file system refuses.
 pub fn write_table(path: &Path, paths: &MarkerPaths) -> Result<(), SessionError> {
-    let mut text = COLUMNS.join(",") + "\n";
-    let names: Vec<_> = paths.names.iter().map(|name| csv_cell(name)).collect();
-    for (t_ns, places) in paths.t_ns.iter().zip(&paths.points_m) {
-        let time = decimal_from_ns(*t_ns);
-        for (name, place) in names.iter().zip(places) {
-            text += &match place {
-                Some(p) => format!("{time},{name},{:?},{:?},{:?}\n", p.x, p.y, p.z),
-                None => format!("{time},{name},,,\n"),
-            };
-        }
-    }
-    write_whole(path, text.as_bytes())
+    let of_instant = |(t_ns, places): (&i64, &Vec<Option<Vector3<f64>>>)| -> Vec<Vec<String>> {
+        let row = |(name, place): (&String, &Option<Vector3<f64>>)| {
+            let [x, y, z] =
+                place.map_or_else(Default::default, |p| [p.x, p.y, p.z].map(|v| format!("{v:?}")));
+            vec![decimal_from_ns(*t_ns), name.clone(), x, y, z]
+        };
+        paths.names.iter().zip(places).map(row).collect()
+    };
+    write_csv(path, COLUMNS, paths.t_ns.iter().zip(&paths.points_m).flat_map(of_instant))
 }
 
 /// Poses of a rigid body from at least three of its markers an instant, by least squares (Kabsch 1976); an
@@ -154,7 +150,6 @@ pub fn paths_of_body(poses: &[TimedPose], body: &[(String, Vector3<f64>)]) -> Ma
 
 /// Instants on an even clock.
 pub(super) struct Even {
-    /// Rate.
     pub(super) rate_hz: f64,
     /// For each tick from the first instant on, the index of the instant there.
     pub(super) ticks: Vec<Option<usize>>,
@@ -166,8 +161,7 @@ pub(super) fn even_clock(path: &Path, t_ns: &[i64]) -> Result<Even, SessionError
     let Some(usual_ns) = usual_interval_ns(t_ns.iter().copied()).filter(|i| *i > 0) else {
         return Err(wrong("at least two instants are needed for a rate".into()));
     };
-    // Ticks are counted from one instant to the next, so that a rate known to a part of a nanosecond does not
-    // drift.
+    // Ticks are counted from instant to instant, so that a rounded rate does not drift.
     let mut at = vec![0usize];
     for w in t_ns.windows(2) {
         let steps = ((w[1] - w[0]) as f64 / usual_ns as f64).round().max(1.0) as usize;

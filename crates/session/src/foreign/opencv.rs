@@ -68,8 +68,7 @@ fn suffixes(file: &YamlFile) -> Option<(usize, Vec<String>)> {
     })
 }
 
-/// `image_size1`, ... of each camera, or `image_width` and `image_height` for all; nothing where the file has
-/// neither.
+/// `image_size1`, ... of each camera, or `image_width` and `image_height` for all, where the file has them.
 fn own_sizes(file: &YamlFile, suffixes: &[String]) -> Result<Vec<ImageSize>, SessionError> {
     let size = |w, h| image_size(w, h, |detail| SessionError::value(&file.path, "image size", detail));
     let nodes: Option<Vec<&Yaml>> =

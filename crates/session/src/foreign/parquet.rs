@@ -1,7 +1,7 @@
 //! Parquet tables ↔ our CSV tables: whole numbers, numbers, true and false, or text, a column each; empty
 //! cells are null.
 
-use crate::{SessionError, parquet_rows, write_whole};
+use crate::{SessionError, parquet_rows, write_csv, write_whole};
 use parquet::basic::{ConvertedType, Repetition, Type as Physical};
 use parquet::data_type::{BoolType, ByteArray, ByteArrayType, DataType, DoubleType, Int64Type};
 use parquet::errors::ParquetError;
@@ -17,13 +17,7 @@ use std::sync::Arc;
 /// Not Parquet, damaged, or with columns that are lists or maps; what the file system refuses.
 pub fn to_csv(from: &Path, to: &Path) -> Result<(), SessionError> {
     let (header, rows) = parquet_rows::read(from, "Parquet table")?;
-    let mut writer = csv::Writer::from_writer(Vec::new());
-    let failed = |e: csv::Error| SessionError::express(to, "express it as CSV", e);
-    writer.write_record(&header).map_err(failed)?;
-    for row in rows {
-        writer.write_record(&row).map_err(failed)?;
-    }
-    write_whole(to, &writer.into_inner().unwrap_or_default())
+    write_csv(to, header, rows.iter().map(|row| row.iter().map(str::to_owned).collect()))
 }
 
 /// Reads a CSV table with a header and writes it as Parquet.

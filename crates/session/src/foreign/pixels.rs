@@ -43,8 +43,7 @@ impl PixelOrigin {
         matches!(self, Self::TopLeftZero | Self::Dltdv8)
     }
 
-    /// The affine map from their pixels to ours, of an image of that height; the inverse of lower-left maps
-    /// has the same form.
+    /// The affine map from their pixels to ours in an image of that height.
     pub(super) fn ours_from_theirs(self, height_px: u32) -> Matrix3<f64> {
         let (du, sign, dv) = match self {
             Self::TopLeftZero => (0.0, 1.0, 0.0),
@@ -55,19 +54,16 @@ impl PixelOrigin {
         Matrix3::new(1.0, 0.0, du, 0.0, sign, dv, 0.0, 0.0, 1.0)
     }
 
-    /// The map back.
     pub(super) fn theirs_from_ours(self, height_px: u32) -> Matrix3<f64> {
         let m = self.ours_from_theirs(height_px);
         let sign = m[(1, 1)];
         Matrix3::new(1.0, 0.0, -m[(0, 2)], 0.0, sign, -sign * m[(1, 2)], 0.0, 0.0, 1.0)
     }
 
-    /// One pixel into ours.
     pub(super) fn to_ours(self, theirs: Vector2<f64>, height_px: u32) -> Vector2<f64> {
         (self.ours_from_theirs(height_px) * theirs.push(1.0)).xy()
     }
 
-    /// One pixel of ours into theirs.
     pub(super) fn to_theirs(self, ours: Vector2<f64>, height_px: u32) -> Vector2<f64> {
         (self.theirs_from_ours(height_px) * ours.push(1.0)).xy()
     }

@@ -4,7 +4,7 @@ use super::frames::AxesOf;
 use super::text::Text;
 use crate::decimal::{decimal_from_ns, ns_from_decimal};
 use crate::results::{columns, read_poses};
-use crate::{SessionError, write_whole};
+use crate::{SessionError, write_csv, write_whole};
 use mavsight_geometry::{EulerAngles, Isometry3, UnitQuaternion, Vector3};
 use nalgebra::Quaternion;
 use std::path::Path;
@@ -44,16 +44,15 @@ pub fn read_pose_table(path: &Path) -> Result<Vec<TimedPose>, SessionError> {
 /// # Errors
 /// What the file system refuses.
 pub fn write_pose_table(path: &Path, poses: &[TimedPose]) -> Result<(), SessionError> {
-    let mut text = format!("t_s,{}\n", columns::POSE.map(columns::value).join(","));
-    for pose in poses {
-        text += &decimal_from_ns(pose.t_ns);
-        text += &pose.world_from_body.map_or(",,,,,,\n".to_owned(), |p| {
+    let header = std::iter::once("t_s".to_owned()).chain(columns::POSE.map(columns::value));
+    let row = |pose: &TimedPose| {
+        let values = pose.world_from_body.map(|p| {
             let (t, e) = (p.translation.vector, EulerAngles::from_world_from_body(&p));
-            let EulerAngles { phi_rad, theta_rad, psi_rad } = e;
-            format!(",{:?},{:?},{:?},{phi_rad:?},{theta_rad:?},{psi_rad:?}\n", t.x, t.y, t.z)
+            [t.x, t.y, t.z, e.phi_rad, e.theta_rad, e.psi_rad].map(|v| format!("{v:?}"))
         });
-    }
-    write_whole(path, text.as_bytes())
+        std::iter::once(decimal_from_ns(pose.t_ns)).chain(values.unwrap_or_default()).collect()
+    };
+    write_csv(path, header, poses.iter().map(row))
 }
 
 /// Reads a trajectory in the given axes.

@@ -3,7 +3,6 @@
 use crate::{SessionError, error::read_text};
 use std::path::{Path, PathBuf};
 
-/// A text file in memory.
 pub(super) struct Text {
     path: PathBuf,
     content: String,
@@ -39,7 +38,6 @@ impl Text {
 }
 
 impl<'a> Line<'a> {
-    /// The error for this line.
     pub(super) fn refuse(&self, detail: impl Into<String>) -> SessionError {
         SessionError::line(&self.file.path, self.number, detail)
     }

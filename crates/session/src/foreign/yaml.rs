@@ -13,7 +13,6 @@ use std::path::{Path, PathBuf};
 /// A node and the line it begins on.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Yaml {
-    /// Line, from 1.
     line: u64,
     value: Value,
 }
@@ -30,7 +29,6 @@ enum Value {
 /// Nesting beyond this is no calibration.
 const DEEPEST: usize = 32;
 
-/// A file with its path, for messages.
 #[derive(Debug, Clone)]
 pub(super) struct YamlFile {
     pub(super) path: PathBuf,
@@ -38,7 +36,6 @@ pub(super) struct YamlFile {
 }
 
 impl YamlFile {
-    /// Reads a file.
     pub(super) fn read(path: &Path, role: &str) -> Result<Self, SessionError> {
         let text = read_text(path, role)?;
         let lines: Vec<&str> = text.lines().map(|l| if l.starts_with('%') { "#" } else { l }).collect();
@@ -46,7 +43,6 @@ impl YamlFile {
         Ok(Self { path: path.to_owned(), root })
     }
 
-    /// The error for one node.
     pub(super) fn refuse(&self, node: &Yaml, detail: impl Into<String>) -> SessionError {
         SessionError::line(&self.path, node.line, detail)
     }
@@ -79,7 +75,6 @@ impl YamlFile {
         checked(&self.path, key, k, size)
     }
 
-    /// A node's finite number.
     pub(super) fn number(&self, node: &Yaml) -> Result<f64, SessionError> {
         let number = node.text().and_then(|t| t.parse::<f64>().ok()).filter(|x| x.is_finite());
         number.ok_or_else(|| self.refuse(node, format!("{} is not a finite number", node.describe())))
@@ -138,7 +133,6 @@ impl YamlFile {
 }
 
 impl Yaml {
-    /// A key's node.
     pub(super) fn get(&self, key: &str) -> Option<&Yaml> {
         match &self.value {
             Value::Map(entries) => entries.iter().find(|(k, _)| k == key).map(|(_, v)| v),
@@ -154,7 +148,6 @@ impl Yaml {
         }
     }
 
-    /// A scalar's text.
     pub(super) fn text(&self) -> Option<&str> {
         match &self.value {
             Value::Scalar(text) => Some(text),

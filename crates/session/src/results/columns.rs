@@ -3,7 +3,6 @@
 use crate::SessionError;
 use crate::table::{Row, Table};
 
-/// A quantity and its unit.
 pub(crate) type Quantity = (&'static str, &'static str);
 
 /// Position and attitude, in `pose.csv` and `motion.csv`.
@@ -42,19 +41,15 @@ pub(super) const RATES: [Quantity; 12] = [
     ("rdot", "rad_s2"),
 ];
 
-/// All of `motion.csv`.
 pub(super) fn motion() -> impl Iterator<Item = Quantity> {
     POSE.into_iter().chain(RATES)
 }
 
-/// Columns of `markers.csv`.
 pub(super) const MARKERS: [&str; 7] = ["t_s", "camera", "marker", "u_px", "v_px", "u_std_px", "v_std_px"];
 
-/// Columns of `body.csv`.
 pub(super) const BODY: [&str; 9] =
     ["marker", "x_m", "y_m", "z_m", "x_std_m", "y_std_m", "z_std_m", "diameter_m", "diameter_std_m"];
 
-/// Columns of `parameters.csv`.
 pub(super) const PARAMETERS: [&str; 8] =
     ["estimator", "output", "parameter", "value", "std", "ci_low", "ci_high", "identifiable"];
 
@@ -73,7 +68,6 @@ pub(super) struct Series<const N: usize> {
     stds: [Option<usize>; N],
 }
 
-/// A row of such a table.
 pub(super) struct Instant<'a, const N: usize> {
     pub(super) row: Row<'a>,
     pub(super) t_ns: i64,

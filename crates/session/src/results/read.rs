@@ -88,8 +88,7 @@ pub(super) fn isometry(pose: &[f64; 6]) -> Isometry3<f64> {
     world_from_body(Vector3::new(pose[0], pose[1], pose[2]), angles(pose))
 }
 
-/// A pose with the covariance of what is new in each frame, and what the standard deviations have beyond it
-/// as systematic columns.
+/// A pose with the covariance that is new in each frame; the rest of the standard deviations is systematic.
 fn with_new_part(
     row: Row<'_>,
     columns: &[usize],

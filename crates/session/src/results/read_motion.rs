@@ -80,8 +80,7 @@ pub fn read_motion(path: &Path) -> Result<Motion, SessionError> {
     Ok(Motion { samples, unknown_ns, translation_bandwidth_hz, rotation_bandwidth_hz, sample_interval_s })
 }
 
-/// The bandwidths of translation and rotation and the sampling interval of a motion: those of the summary
-/// next to it, or what its times show.
+/// Bandwidths of translation and rotation and the sampling interval: from the summary, or as times show.
 fn smoother(path: &Path, samples: &[MotionSample]) -> Result<[f64; 3], SessionError> {
     let summary_path = path.with_file_name(super::names::SUMMARY);
     if !summary_path.is_file() {

@@ -40,7 +40,6 @@ struct LeftOutEntry {
     /// The other points concerned.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     with: String,
-    /// For people.
     #[serde(default)]
     reason: String,
 }

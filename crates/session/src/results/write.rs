@@ -1,7 +1,8 @@
 //! Results into their files.
 
 use super::{MarkerAsBuilt, RESULTS_SCHEMA, RunResults, columns, names, rig_file};
-use crate::files::PartFile;
+use crate::files::{PartFile, json_text};
+use crate::table::csv_lines;
 use crate::{SessionError, make_folder, s_from_ns};
 use mavsight_geometry::{EulerAngles, Isometry3};
 use mavsight_identify::CoefficientTable;
@@ -95,22 +96,10 @@ fn parts(results: &RunResults, folder: &Path) -> Result<Vec<(&'static str, Arc<P
         part(names::PARAMETERS, &|out| parameters(results, out))?;
     }
     if let Some(summary) = summary(results) {
-        let text = serde_json::to_string_pretty(&summary)
-            .map_err(|e| SessionError::express(&folder.join(names::SUMMARY), "express it as JSON", e))?;
-        part(names::SUMMARY, &|out| out.write_all((text.clone() + "\n").as_bytes()))?;
+        let text = json_text(&folder.join(names::SUMMARY), &summary)?;
+        part(names::SUMMARY, &|out| out.write_all(text.as_bytes()))?;
     }
     Ok(parts)
-}
-
-/// A table with its header; cells that need quotes get them, also those that begin like a comment: who reads
-/// the table again would pass over them.
-fn csv_table<T: AsRef<[u8]>>(
-    out: &mut dyn Write,
-    header: impl IntoIterator<Item = T>,
-) -> io::Result<csv::Writer<&mut dyn Write>> {
-    let mut lines = csv::WriterBuilder::new().comment(Some(b'#')).from_writer(out);
-    lines.write_record(header)?;
-    Ok(lines)
 }
 
 fn time(t_ns: i64) -> String {
@@ -135,7 +124,7 @@ fn markers(
     results: &RunResults,
     out: &mut dyn Write,
 ) -> io::Result<()> {
-    let mut lines = csv_table(out, columns::MARKERS)?;
+    let mut lines = csv_lines(out, columns::MARKERS)?;
     for o in observations {
         lines.write_record([
             time(o.t_ns),
@@ -151,7 +140,7 @@ fn markers(
 }
 
 fn body(markers: &[MarkerAsBuilt], out: &mut dyn Write) -> io::Result<()> {
-    let mut lines = csv_table(out, columns::BODY)?;
+    let mut lines = csv_lines(out, columns::BODY)?;
     for marker in markers {
         let numbers = marker.position_m.iter().chain(&marker.position_std_m).chain([&marker.diameter_m]);
         let cells = std::iter::once(marker.name.clone()).chain(numbers.map(|x| number(*x)));
@@ -172,7 +161,7 @@ fn poses(samples: &[PoseSample], marker_names: &[String], out: &mut dyn Write) -
     header.extend(["markers".to_owned(), "residual_px".to_owned()]);
     header.extend(columns::upper_triangle().map(columns::new_covariance));
     let width = header.len();
-    let mut lines = csv_table(out, header)?;
+    let mut lines = csv_lines(out, header)?;
     for sample in samples {
         let mut cells = vec![time(sample.t_ns)];
         if let Ok(e) = &sample.estimate {
@@ -194,7 +183,7 @@ fn poses(samples: &[PoseSample], marker_names: &[String], out: &mut dyn Write) -
 
 fn motion_table(motion: &Motion, out: &mut dyn Write) -> io::Result<()> {
     let header = columns::motion().flat_map(|q| [columns::value(q), columns::std(q)]);
-    let mut lines = csv_table(out, std::iter::once("t_s".to_owned()).chain(header))?;
+    let mut lines = csv_lines(out, std::iter::once("t_s".to_owned()).chain(header))?;
     // Instants at which the motion is not known have a row with their time alone, as poses have.
     let unknown = motion.unknown_ns.iter().map(|t_ns| (*t_ns, None));
     let mut rows: Vec<_> = motion.samples.iter().map(|s| (s.t_ns, Some(s))).chain(unknown).collect();
@@ -226,7 +215,7 @@ fn coefficients(table: &CoefficientTable, out: &mut dyn Write) -> io::Result<()>
         header.push(output.name.clone());
         header.extend(output.columns.iter().map(|c| format!("{}:{}", output.name, c.name)));
     }
-    let mut lines = csv_table(out, header)?;
+    let mut lines = csv_lines(out, header)?;
     let cell = |values: &[f64], k: usize| optional(values.get(k).copied());
     for (k, t_s) in table.t_s.iter().enumerate() {
         let mut cells = vec![format!("{t_s:.9}")];
@@ -240,7 +229,7 @@ fn coefficients(table: &CoefficientTable, out: &mut dyn Write) -> io::Result<()>
 }
 
 fn parameters(results: &RunResults, out: &mut dyn Write) -> io::Result<()> {
-    let mut lines = csv_table(out, columns::PARAMETERS)?;
+    let mut lines = csv_lines(out, columns::PARAMETERS)?;
     let mut line = |names: [&str; 3], figures: [Option<f64>; 4], identifiable: bool| {
         let cells = names.map(str::to_owned).into_iter().chain(figures.map(optional));
         lines.write_record(cells.chain([identifiable.to_string()]))

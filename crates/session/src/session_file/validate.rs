@@ -5,7 +5,6 @@ use crate::SessionError;
 use mavsight_pipeline::Board;
 use std::path::Path;
 
-/// A file under validation.
 #[derive(Clone, Copy)]
 struct Checks<'a>(&'a Path);
 

@@ -7,7 +7,6 @@ use std::io::{BufReader, Read};
 use std::path::Path;
 use std::process::Command;
 
-/// Samples a second that are asked for.
 const RATE_HZ: usize = 48_000;
 
 /// Samples of a block, a millisecond: sound goes a third of a metre in it.

@@ -101,7 +101,7 @@ fn probe(path: &Path, program: &str, missing: impl Fn(&str) -> SessionError) -> 
         return Err(SessionError::ffmpeg(path, detail));
     }
     let (Ok(width_px), Ok(height_px)) = (value("width").parse(), value("height").parse()) else {
-        return Err(SessionError::NoFrames { path: path.to_owned() });
+        return Err(SessionError::NoFrames(path.to_owned()));
     };
     let format = value("pix_fmt");
     let planes = if ["rgb", "bgr", "gbr", "pal8"].iter().any(|name| format.contains(name)) {
@@ -127,7 +127,6 @@ fn seconds(text: &str) -> Option<f64> {
 /// What ffmpeg said apart from the times.
 #[derive(Default)]
 pub(super) struct Words {
-    /// Its last lines.
     last: VecDeque<String>,
     /// Lines that report damage, with the number of frames before.
     complaints: Vec<(usize, String)>,
@@ -173,7 +172,6 @@ impl Listener {
         Self { shown, words, thread }
     }
 
-    /// The words so far.
     pub(super) fn words(&self) -> MutexGuard<'_, Words> {
         self.words.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -54,9 +54,8 @@ pub(crate) fn is_pattern(path: &Path) -> bool {
     Pattern::of(path).is_some()
 }
 
-/// Opens a sequence: its first file is at time 0.
 pub(crate) fn open(path: &Path, frame_rate_hz: Option<f64>) -> Result<Opened, SessionError> {
-    let refuse = || SessionError::NoFrames { path: path.to_owned() };
+    let refuse = || SessionError::NoFrames(path.to_owned());
     let pattern = Pattern::of(path).ok_or_else(refuse)?;
     let numbers = pattern.numbers();
     let first = *numbers.first().ok_or_else(refuse)?;

@@ -39,8 +39,7 @@ pub(crate) fn open(path: &Path) -> Result<Opened, Failure> {
     let file = File::open(path).map_err(|e| SessionError::io(path, "open it", e))?;
     let length = file.metadata().map_err(|e| SessionError::io(path, "measure it", e))?.len();
     let mut reader = BufReader::new(file);
-    // The parser indexes tables of the file unchecked: inconsistent ones end in a panic, which is a damaged
-    // file.
+    // The parser indexes tables unchecked: a panic is a damaged file.
     let announced =
         announced_length(&mut reader, length).map_err(|e| SessionError::io(path, "read it", e))?;
     let mp4 = catch_unwind(AssertUnwindSafe(|| Mp4::read(&mut reader, announced)))
@@ -48,7 +47,7 @@ pub(crate) fn open(path: &Path) -> Result<Opened, Failure> {
         .map_err(|e| damaged(&e.to_string()))?;
     let Some(track) = mp4.tracks().values().find(|t| t.kind == Some(TrackKind::Video)) else {
         let is_other = mp4.tracks().values().any(|t| t.kind.is_none());
-        let empty = SessionError::NoFrames { path: path.to_owned() };
+        let empty = SessionError::NoFrames(path.to_owned());
         return Err(if is_other {
             Failure::Unsupported("its codec is not H.264".into())
         } else {
@@ -60,11 +59,10 @@ pub(crate) fn open(path: &Path) -> Result<Opened, Failure> {
         return Err(Failure::Unsupported(format!("its codec is {codec}, not H.264")));
     };
     if track.samples.is_empty() {
-        return Err(SessionError::NoFrames { path: path.to_owned() }.into());
+        return Err(SessionError::NoFrames(path.to_owned()).into());
     }
     let samples = samples(&mp4, track).map_err(|reason| Failure::Unsupported(reason.to_owned()))?;
-    // What lies beyond the end of the file was cut off: what comes before it is read, and the count of frames
-    // shows it.
+    // What lies beyond the end was cut off: what comes before is read, and the count of frames shows it.
     let is_there = |s: &Sample| s.offset.saturating_add(s.size) <= length;
     let whole: Vec<Sample> = samples.iter().copied().take_while(is_there).collect();
     if whole.is_empty() {
@@ -103,8 +101,7 @@ fn announced_length(reader: &mut BufReader<File>, length: u64) -> std::io::Resul
     Ok(announced)
 }
 
-/// Quarters clockwise of a display matrix (ISO/IEC 14496-12, 6.2.2), 16.16 fixed point: (x, y) → (a x + c y,
-/// b x + d y).
+/// Quarters clockwise of a display matrix (ISO/IEC 14496-12, 6.2.2), 16.16 fixed point, a b c d.
 fn quarters(matrix: [i32; 4]) -> u8 {
     match matrix.map(i32::signum) {
         [0, 1, -1, 0] => 1,
@@ -234,8 +231,7 @@ impl Mp4Frames {
         Ok(())
     }
 
-    /// Goes on behind a damaged sample: all pictures from it to the next key picture build on it and are
-    /// lost.
+    /// Goes on at the key picture after a damaged sample: pictures between build on it and are lost.
     fn resume(&mut self) {
         let damaged = self.next_sample - 1;
         let next = (self.next_sample..self.samples.len()).find(|k| self.samples[*k].is_key);

@@ -5,11 +5,8 @@ use re_mp4::{Mp4, Track};
 /// One sample of the track in decoding order.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Sample {
-    /// Place in the file.
     pub(crate) offset: u64,
-    /// Bytes.
     pub(crate) size: u64,
-    /// Presentation time.
     pub(crate) t_ns: i64,
     /// Whether the edit list shows it.
     pub(crate) shown: bool,

@@ -19,7 +19,6 @@ use std::path::{Path, PathBuf};
 /// Longest line of parameters that is believed to be one.
 const LONGEST_LINE: u64 = 4096;
 
-/// The first line.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Header {
     size: ImageSize,
@@ -62,8 +61,7 @@ impl Header {
                 _ => {}
             }
         }
-        // Sixteen thousand pixels a side are beyond any camera, and what is to be held is then below a
-        // gigabyte.
+        // Beyond any camera, and below a gigabyte to hold.
         if !(1..=1 << 14).contains(&size.width_px) || !(1..=1 << 14).contains(&size.height_px) {
             return Err(format!("its size is {} by {}", size.width_px, size.height_px));
         }
@@ -119,7 +117,6 @@ impl<R: BufRead> Y4mFrames<R> {
         Ok(Self { input, header, read: 0 })
     }
 
-    /// Reads the next frame.
     pub(super) fn piece(&mut self) -> Piece {
         let line = match line_of(&mut self.input) {
             Ok(line) if line.is_empty() => return Piece::End,
@@ -146,12 +143,11 @@ fn line_of(input: &mut impl BufRead) -> std::io::Result<Vec<u8>> {
     Ok(line)
 }
 
-/// Opens a file.
 pub(super) fn open(path: &Path) -> Result<Opened, SessionError> {
     let broken = |detail: String| SessionError::frame(path, 0, detail);
     let file = File::open(path).map_err(|e| SessionError::io(path, "read it", e))?;
     if file.metadata().is_ok_and(|m| m.len() == 0) {
-        return Err(SessionError::NoFrames { path: path.to_owned() });
+        return Err(SessionError::NoFrames(path.to_owned()));
     }
     let frames = Y4mFrames::new(BufReader::with_capacity(1 << 16, file)).map_err(broken)?;
     let size = frames.header.size;
