@@ -27,9 +27,6 @@ pub(crate) struct MotionFilter {
 
 impl MotionFilter {
     /// A filter before its first pose; with a noise it gives motion from the first poses on.
-    ///
-    /// # Errors
-    /// A noise or gravity that is not finite and positive.
     pub(crate) fn new(noise: Option<MotionNoise>, gravity_m_s2: f64) -> Result<Self, LiveError> {
         let filter = noise.map(|n| CausalFilter::new(n, gravity_m_s2)).transpose()?;
         let windows_s: &[f64] = if filter.is_some() { &[] } else { &WINDOWS_S };

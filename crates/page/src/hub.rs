@@ -141,10 +141,7 @@ impl Hub {
         lock(&self.pages).mailboxes.retain(|other| !Arc::ptr_eq(other, mailbox));
     }
 
-    /// Passes a command to the producer.
-    ///
-    /// # Errors
-    /// A sentence for the user where too many wait, or nobody takes them any more.
+    /// Passes a command to the producer; the error is a sentence for the user.
     pub(crate) fn ask(&self, command: Command) -> Result<(), &'static str> {
         self.commands.try_send(command).map_err(|error| match error {
             TrySendError::Full(_) => {

@@ -94,9 +94,6 @@ const LEGEND_HEIGHT: u32 = 34;
 const BAND_OPACITY: f64 = 0.22;
 
 /// Draws a chart as an SVG element that scales with the page.
-///
-/// # Errors
-/// [`ReportError::Plot`] when a chart has no finite point, or what the plotting library refuses.
 pub(crate) fn draw(chart: &Chart) -> Result<String, ReportError> {
     let points = chart.panels.iter().flat_map(|p| &p.curves).flat_map(|c| &c.points);
     let (start, end) = bounds(points.map(|p| p.0)).ok_or(ReportError::Plot("a chart has no finite point"))?;

@@ -69,9 +69,6 @@ impl BoxRole {
 
 /// Draws plan (X to the right, Y up) above elevation (X to the right, Z up), both to one scale, as an SVG
 /// element that scales with the page.
-///
-/// # Errors
-/// [`ReportError::Plot`] without a first box of some size, or what the plotting library refuses.
 pub(crate) fn draw_room(room: &RoomDrawing) -> Result<String, ReportError> {
     let extent = room.boxes.first().filter(|b| (0..3).all(|k| b.high_m[k] - b.low_m[k] > 0.0));
     let extent = extent.ok_or(ReportError::Plot("a room has no size"))?;

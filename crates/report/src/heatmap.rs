@@ -74,10 +74,6 @@ fn color(part: f64) -> RGBColor {
 }
 
 /// Draws maps with a common colour bar, whose unit is given, as an SVG element that scales with the page.
-///
-/// # Errors
-/// [`ReportError::Plot`] when no map has a finite value or one has not as many values as cells, or what the
-/// plotting library refuses.
 pub(crate) fn draw_heat_maps(maps: &[HeatMap], unit: &str) -> Result<String, ReportError> {
     if maps.iter().any(|m| m.values.len() != m.columns * m.rows || m.values.is_empty()) {
         return Err(ReportError::Plot("a map has not as many values as cells"));

@@ -99,9 +99,6 @@ impl Format {
 
 /// The formats of both files: what is given, else what content and names say; OUT by the kind of IN where
 /// it ends in `.csv`.
-///
-/// # Errors
-/// Formats that are not known, or do not turn into each other.
 pub(super) fn formats(
     input: &Path,
     output: &Path,
