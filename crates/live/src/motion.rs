@@ -33,7 +33,6 @@ impl MotionFilter {
         Ok(Self { gravity_m_s2, filter, kept: Vec::new(), windows_s, finding: None })
     }
 
-    /// Adds an instant; returns its motion, if known.
     pub(crate) fn push(&mut self, sample: &PoseSample) -> Option<MotionSample> {
         // A pose that the filter refuses leaves it unchanged, and is sent without motion.
         let motion = self.filter.as_mut().and_then(|f| f.push(sample).ok().flatten());

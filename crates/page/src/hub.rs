@@ -38,7 +38,6 @@ impl Mailbox {
         }
     }
 
-    /// Poses that this page was too slow for.
     pub(crate) fn dropped(&self) -> u64 {
         lock(&self.queue).dropped
     }
@@ -59,7 +58,6 @@ pub(crate) struct Hub {
 struct Pages {
     mailboxes: Vec<Arc<Mailbox>>,
     state: Queue,
-    /// Instant of each camera's last picture.
     previewed: HashMap<usize, i64>,
 }
 

@@ -126,7 +126,6 @@ fn legend(area: &Area<'_>, chart: &Chart) -> Drawn {
     Ok(())
 }
 
-/// A sample of a role's stroke.
 fn stroke(area: &Area<'_>, role: Role, points: &[(i32, i32); 2]) -> Drawn {
     let style = role.color().stroke_width(if role == Role::Model { 2 } else { 3 });
     match role {
@@ -222,7 +221,6 @@ fn tick(value: f64, span: f64) -> String {
     format!("{value:.digits$}")
 }
 
-/// Least and largest of the finite numbers.
 pub(crate) fn bounds(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
     values.filter(|v| v.is_finite()).fold(None, |b, v| match b {
         None => Some((v, v)),

@@ -51,7 +51,6 @@ const LEGEND: u32 = 34;
 const MARGIN_M: f64 = 0.3;
 
 impl BoxRole {
-    /// Fill and outline.
     fn styles(self) -> [Option<ShapeStyle>; 2] {
         match self {
             Self::Room => [None, Some(BLACK.stroke_width(2))],

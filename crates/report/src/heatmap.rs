@@ -42,7 +42,6 @@ impl HeatMap {
         ]
     }
 
-    /// Whether no cell has a value.
     pub(crate) fn is_empty(&self) -> bool {
         self.values.iter().all(Option::is_none)
     }

@@ -36,7 +36,6 @@ impl Summary {
     }
 }
 
-/// Offset and drift of a camera's clock.
 fn add_clock(summary: &mut Summary, name: &str, clock: &ClockEstimate) {
     let verdict = match clock.verdict {
         ClockVerdict::Reference => "reference",

@@ -13,7 +13,6 @@ use std::f64::consts::PI;
 
 /// Pixel value per unit of light: a white surface under the lamps is just below full well.
 pub(crate) const EXPOSURE: f64 = 0.85;
-/// Samples across a pixel of the room, each way.
 const ROOM_SAMPLES: u32 = 3;
 /// Samples across a pixel of what moves, each way; their 64 rows and columns are all different, so that an
 /// edge along an axis is met in 64 steps too. Balls cover a sample's cell in part, so that a disc's centroid
@@ -190,7 +189,6 @@ impl<'a> Composer<'a> {
         Self { stride, ..self }
     }
 
-    /// Lets rays try every part.
     #[cfg(test)]
     pub(crate) fn trying_all(mut self) -> Self {
         self.outlines.fill(Outline::ALL);

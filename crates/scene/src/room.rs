@@ -16,7 +16,6 @@ const HEIGHT_M: f64 = 3.2;
 /// The floor lies below the world's origin, so that a control ball at the origin's height stands free of it.
 const FLOOR_M: f64 = -0.06;
 
-/// Paint of a surface.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Paint {
     Plain([f64; 3]),
@@ -235,7 +234,6 @@ fn board(p: &V) -> [f64; 3] {
     [0.78, 0.78, 0.77]
 }
 
-/// A poster in muted tones.
 fn poster(p: &V) -> [f64; 3] {
     let (x, z) = (p.x + 1.0, p.z - 1.6);
     if x.abs() > 0.27 || z.abs() > 0.395 {

@@ -53,7 +53,6 @@ impl Ray {
     }
 }
 
-/// The point where a ray meets a surface.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Hit {
     pub distance_m: f64,

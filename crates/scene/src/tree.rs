@@ -42,7 +42,6 @@ impl Bounds {
 #[derive(Debug, Clone)]
 struct Node {
     bounds: Bounds,
-    /// Its item, if it holds a single one.
     item: Option<usize>,
     /// The next node if the ray does not meet this one.
     next: usize,

@@ -248,7 +248,6 @@ impl Call<'_> {
         self.args.rate.ok_or_else(|| WrongCall(missing.into()))
     }
 
-    /// Names of the points: those given, else the vehicle's markers.
     fn point_names(&self) -> Vec<String> {
         match &self.body {
             Some(body) if self.args.points.is_empty() => body.iter().map(|(n, _)| n.clone()).collect(),

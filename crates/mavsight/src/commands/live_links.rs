@@ -48,7 +48,6 @@ pub(super) fn add_links(
 
 struct Link {
     outlet: Box<dyn Outlet>,
-    /// The last fault, which is reported once.
     said: Option<String>,
 }
 

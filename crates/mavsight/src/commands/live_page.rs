@@ -141,7 +141,6 @@ impl<B: Fn(&Path) -> Result<Recorder>> Page<B> {
         ))
     }
 
-    /// The state of the cameras and the last pose.
     fn check(&self) -> String {
         let cameras: Vec<String> = self
             .cameras

@@ -32,7 +32,6 @@ const AHEAD: u64 = 32;
 struct Shared {
     pilot: Mutex<Pilot>,
     recorder: Arc<RecorderSlot>,
-    /// The frame that each camera films next.
     next: Vec<AtomicU64>,
 }
 

@@ -103,7 +103,6 @@ fn placement_table(plan: &CameraPlan<'_>) -> String {
     out
 }
 
-/// The best angle and distance, where they were asked for.
 fn study_text(plan: &CameraPlan<'_>) -> String {
     let [angles, distances] = &plan.study;
     let mut out = String::new();

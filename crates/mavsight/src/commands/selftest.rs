@@ -99,7 +99,6 @@ fn lab_of(args: &Selftest, bars: &Bars) -> Result<(String, VirtualLab)> {
     Ok((session.file.name, lab))
 }
 
-/// One flight through the virtual room and the whole chain.
 fn film(lab: &VirtualLab, seed: u64, index: u64) -> Result<VirtualFlight> {
     let mut random = Random::new(seed, index);
     let truth = lab.flight(&mut random)?;

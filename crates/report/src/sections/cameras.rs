@@ -5,7 +5,6 @@ use mavsight_pose::{Rig, RigCamera, control_volume, volume_precision};
 use mavsight_session::RunResults;
 use serde_json::json;
 
-/// The figures of each camera and of the rig.
 pub(super) fn add(summary: &mut Summary, results: &RunResults) {
     let Some(rig) = &results.rig else { return };
     rig.cameras.iter().for_each(|c| camera(summary, c));

@@ -38,7 +38,6 @@ impl Processor {
     }
 }
 
-/// One parameter.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Parameter {
     kind: i8,
@@ -77,7 +76,6 @@ impl Parameter {
     }
 }
 
-/// Parameters by `GROUP:NAME`.
 pub(super) type Parameters = BTreeMap<String, Parameter>;
 
 /// Reads the section that begins at a block of a file.

@@ -30,7 +30,6 @@ pub struct PointOptions {
     pub std_px: f64,
 }
 
-/// A row of a table; none of what is missing.
 type Cells = Vec<Option<f64>>;
 
 struct Matrix {

@@ -145,7 +145,6 @@ pub fn paths_of_body(poses: &[TimedPose], body: &[(String, Vector3<f64>)]) -> Ma
     }
 }
 
-/// Instants on an even clock.
 pub(super) struct Even {
     pub(super) rate_hz: f64,
     /// For each tick from the first instant on, the index of the instant there.

@@ -25,7 +25,6 @@ impl Text {
         &self.path
     }
 
-    /// Lines that hold something.
     pub(super) fn filled(&self) -> impl Iterator<Item = Line<'_>> {
         let numbered = self.content.lines().zip(1..).filter(|(text, _)| !text.trim().is_empty());
         numbered.map(|(text, number)| Line { file: self, number, text })

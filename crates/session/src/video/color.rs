@@ -4,7 +4,6 @@ use h264_reader::nal::sps::SeqParameterSet;
 use h264_reader::nal::{Nal, RefNal};
 use mavsight_vision::YuvMatrix;
 
-/// Range and matrix of a YUV video.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct YuvCoding {
     pub(crate) full_range: bool,

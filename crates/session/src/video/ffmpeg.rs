@@ -157,7 +157,6 @@ pub(super) struct Shown {
 
 /// A thread that reads what ffmpeg says.
 pub(super) struct Listener {
-    /// Of each frame, in order.
     pub(super) shown: Receiver<Shown>,
     words: Arc<Mutex<Words>>,
     thread: Option<JoinHandle<()>>,
@@ -176,7 +175,6 @@ impl Listener {
         self.words.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// All words of a program that has ended.
     fn all_words(&mut self) -> MutexGuard<'_, Words> {
         // What a thread that broke down has heard is in its words.
         let _ = self.thread.take().map(JoinHandle::join);
