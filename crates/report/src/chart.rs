@@ -74,15 +74,12 @@ impl Curve {
 /// Points of a column of pixels beyond which a curve is thinned.
 const MOST_OF_A_COLUMN: usize = 5;
 
-#[derive(Debug, Clone)]
 pub(crate) struct Panel {
     /// Quantity and unit, beside the axis.
     pub axis: String,
     pub curves: Vec<Curve>,
 }
 
-/// Panels over one axis.
-#[derive(Debug, Clone)]
 pub(crate) struct Chart {
     /// Quantity and unit of that, below the last.
     pub axis: &'static str,

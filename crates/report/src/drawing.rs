@@ -42,7 +42,6 @@ pub(crate) struct RoomDrawing {
     pub points_m: Vec<[f64; 3]>,
 }
 
-/// Space for labels.
 const LEFT: u32 = 62;
 const RIGHT: u32 = 24;
 const BELOW: u32 = 46;

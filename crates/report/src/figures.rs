@@ -39,7 +39,6 @@ const NORMAL_95: f64 = 1.959_964;
 
 const MAP_CELLS: usize = 30;
 
-/// The predicted precision over the calibrated volume.
 pub(crate) fn precision(rig: &Rig, pixel_std_px: f64) -> Result<Vec<Figure>, ReportError> {
     let Some(volume) = control_volume(rig) else { return Ok(vec![]) };
     let values = |plane: MapPlane| precision_map(rig, plane, MAP_CELLS, MAP_CELLS, pixel_std_px).std_mm;

@@ -64,7 +64,6 @@ fn add_clock(summary: &mut Summary, name: &str, clock: &ClockEstimate) {
     }
 }
 
-/// The markers, where they were refined from the flight.
 fn add_body(summary: &mut Summary, results: &RunResults) {
     for marker in &results.body {
         let mut section = summary.section_of("body", &marker.name, &marker.name);

@@ -132,7 +132,6 @@ pub(crate) fn exposure(pose_at: impl Fn(f64) -> Isometry3<f64>) -> [Isometry3<f6
     std::array::from_fn(|k| pose_at((k as f64 + 0.5) / PART_SAMPLES as f64 - 0.5))
 }
 
-/// Parts at their poses over the exposure, with the light on them.
 pub(crate) struct Moving<'a> {
     pub parts: &'a [Part],
     /// Poses at evenly spread times of the exposure; one for what stands still.
@@ -160,7 +159,6 @@ pub(crate) struct Composer<'a> {
 /// of the ray's cell it covers.
 type Met = (usize, Hit, f64);
 
-/// The room behind the moving parts in a pixel.
 #[derive(Clone, Copy)]
 struct Background {
     light: [f64; 3],

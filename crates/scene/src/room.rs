@@ -154,7 +154,6 @@ impl Room {
         best
     }
 
-    /// Whether something stands between two points.
     pub(crate) fn hides(&self, from: &V, to: &V) -> bool {
         const END: f64 = f64::NEG_INFINITY;
         let way = to - from;
@@ -219,7 +218,6 @@ fn color(paint: Paint, p: &V) -> [f64; 3] {
     }
 }
 
-/// A white board in a grey frame, with lines of writing.
 fn board(p: &V) -> [f64; 3] {
     let (x, z) = (p.x - 1.2, p.z - 1.45);
     if x.abs() > 1.17 || z.abs() > 0.57 {

@@ -32,7 +32,6 @@ pub struct Sensor {
 
 /// Entries of the table from linear light to sRGB: finer than a quarter of a grey level at the darkest.
 const CODES: usize = 1 << 14;
-/// Entries of the table of normal quantiles.
 const QUANTILES: usize = 1 << 12;
 
 /// Tables that turn linear light into noisy 8-bit sRGB.

@@ -59,7 +59,6 @@ pub(crate) struct Hit {
     pub normal: V,
 }
 
-/// A solid or a flat ring.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Shape {
     /// A box turned about the vertical.
@@ -114,7 +113,6 @@ impl Shape {
         ((from + to) / 2.0, (to - from).norm() / 2.0 + radius)
     }
 
-    /// Corners of the upright box that holds the shape.
     pub(crate) fn bounds(&self) -> (V, V) {
         let about = |centre: &V, half: V| (centre - half, centre + half);
         match self {

@@ -8,7 +8,6 @@ type V = Vector3<f64>;
 /// Wider than rounding, so that no ray slips between an item and its box.
 const MARGIN_M: f64 = 1e-9;
 
-/// A box along the axes of the world.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Bounds {
     low: V,

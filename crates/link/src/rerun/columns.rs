@@ -3,7 +3,7 @@
 use arrow_array::types::{DurationNanosecondType, Float32Type, TimestampNanosecondType};
 use arrow_array::{
     Array, ArrayRef, ArrowPrimitiveType, FixedSizeBinaryArray, FixedSizeListArray, ListArray, PrimitiveArray,
-    RecordBatch, StringArray,
+    RecordBatch,
 };
 use arrow_buffer::OffsetBuffer;
 use arrow_ipc::MetadataVersion;
@@ -72,10 +72,6 @@ pub(super) fn fixed<const N: i32>(items: impl Array + 'static) -> FixedSizeListA
 
 pub(super) fn floats<'a>(values: impl IntoIterator<Item = &'a f64>) -> PrimitiveArray<Float32Type> {
     PrimitiveArray::from_iter_values(values.into_iter().map(|v| *v as f32))
-}
-
-pub(super) fn texts<'a>(texts: impl IntoIterator<Item = &'a str>) -> StringArray {
-    StringArray::from_iter_values(texts)
 }
 
 /// The Arrow IPC stream of one record batch.

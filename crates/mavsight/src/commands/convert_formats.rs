@@ -44,7 +44,6 @@ impl Format {
         }
     }
 
-    /// What its name says, where it says it.
     fn by_name(path: &Path) -> Option<Self> {
         let name = path.file_name()?.to_string_lossy().to_lowercase();
         let has = |part: &str| name.contains(part);

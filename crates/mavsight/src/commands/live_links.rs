@@ -28,7 +28,6 @@ fn options(session: &LiveSection, args: &Live) -> LiveSection {
     links
 }
 
-/// Opens them all, each as a listener with a queue of its own.
 pub(super) fn add_links(
     all: &mut Listeners,
     vehicle: &Vehicle,

@@ -22,7 +22,6 @@ const WAITING: usize = 2;
 
 type Latest = Arc<Mutex<BTreeMap<usize, Arc<Frame>>>>;
 
-/// Serves the page of a flight: it hears of the flight and sees its frames.
 pub(super) fn add_page(
     address: Option<SocketAddr>,
     points: Vec<ControlPointRow>,

@@ -214,7 +214,6 @@ fn cameras_of(size: ImageSize) -> Result<Vec<VirtualCamera>, WrongCall> {
     Ok(cameras)
 }
 
-/// The room as a session, and a recording into it.
 fn record(
     to: &Path,
     vehicle: &Vehicle,

@@ -16,7 +16,6 @@ use serde_json::json;
 use std::path::Path;
 use std::time::Instant;
 
-/// Angles and distances of the study.
 const ANGLES_DEG: std::ops::RangeInclusive<u32> = 8..=30;
 const ANGLE_STEP_DEG: f64 = 5.0;
 const DISTANCES: std::ops::RangeInclusive<u32> = 6..=20;
@@ -149,7 +148,6 @@ struct CameraEntry {
     aim_m: [f64; 3],
 }
 
-/// The part of `plan.json` that is read again.
 #[derive(Deserialize)]
 struct PlanFile {
     placements: Vec<Placement>,

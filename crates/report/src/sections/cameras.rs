@@ -44,7 +44,6 @@ fn camera(summary: &mut Summary, camera: &RigCamera) {
     }
 }
 
-/// How precise the cameras together are predicted to be.
 fn precision(summary: &mut Summary, rig: &Rig, pixel_std_px: f64) {
     let Some(p) = control_volume(rig).and_then(|v| volume_precision(rig, &v, pixel_std_px)) else { return };
     let mut section = summary.section("cameras");

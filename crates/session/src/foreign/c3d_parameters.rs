@@ -6,7 +6,6 @@ use std::path::Path;
 
 pub(super) const BLOCK: usize = 512;
 
-/// How a file writes its numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Processor {
     Intel,

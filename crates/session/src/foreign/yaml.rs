@@ -10,7 +10,6 @@ use mavsight_geometry::{ImageSize, Intrinsics};
 use saphyr_parser::{Event, Parser};
 use std::path::{Path, PathBuf};
 
-/// A node and the line it begins on.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Yaml {
     line: u64,

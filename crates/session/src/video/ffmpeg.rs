@@ -61,7 +61,6 @@ pub(crate) fn open(path: &Path, ffmpeg: &str, reason: &str) -> Result<Opened, Se
     Ok(Opened { size, declared: None, declared_s, quarters, frames: Box::new(frames) })
 }
 
-/// A program that runs, with both its outputs.
 pub(super) struct Process {
     pub(super) child: Child,
     pub(super) stdout: ChildStdout,
