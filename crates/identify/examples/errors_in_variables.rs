@@ -13,7 +13,7 @@ fn main() {
     println!("errors,rho,covariance,exact_column,first_noisy,second_noisy");
     for (name, errors) in [("correlated", correlated_errors()), ("independent", independent_errors())] {
         for (rho, how) in
-            [(0.0, Correlation::White), (0.0, Correlation::Automatic), (0.8, Correlation::Automatic)]
+            [(0.0, Correlation::White), (0.0, Correlation::Rows(60)), (0.8, Correlation::Rows(60))]
         {
             let (ratio, _) = ratios(2000, rho, &errors, how);
             println!("{name},{rho},{how:?},{:.3},{:.3},{:.3}", ratio[0], ratio[1], ratio[2]);

@@ -2,14 +2,12 @@
 
 use nalgebra::{DMatrix, DVector};
 
-/// The covariance of estimates, and the degrees of freedom of the level that scales it.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Coloured {
     pub(crate) covariance: DMatrix<f64>,
     pub(crate) degrees: f64,
 }
 
-/// What is known of the errors of some residuals.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct ResidualErrors {
     /// Their autocovariances at lags 0, 1, ..., up to a factor.
@@ -86,8 +84,8 @@ pub(crate) fn coloured(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::normal;
     use crate::{Correlation, least_squares};
+    use mavsight_random::Random;
 
     #[test]
     fn it_is_the_dense_formula() {
@@ -112,9 +110,9 @@ mod tests {
 
     #[test]
     fn white_errors_have_the_usual_covariance() {
-        let mut seed = 1;
-        let x = DMatrix::from_fn(50, 2, |_, _| normal(&mut seed));
-        let y = DVector::from_fn(50, |_, _| normal(&mut seed));
+        let mut random = Random::new(1, 0);
+        let x = DMatrix::from_fn(50, 2, |_, _| random.normal());
+        let y = DVector::from_fn(50, |_, _| random.normal());
         let fit = least_squares(&x, &y, Correlation::White).expect("a fit");
         let bread = (x.transpose() * &x).try_inverse().expect("regular");
         let of = |gamma: &[f64]| {

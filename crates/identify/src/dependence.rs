@@ -8,21 +8,29 @@ use nalgebra::{DMatrix, DVector};
 pub struct Dependence {
     /// Indices of independent columns, in order.
     pub independent: Vec<usize>,
-    /// Dependent columns: index, and the factor of each independent column (in the order of `independent`).
-    pub dependent: Vec<(usize, Vec<f64>)>,
+    /// Dependent columns.
+    pub dependent: Vec<DependentColumn>,
+}
+
+/// A column that is a combination of independent ones.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DependentColumn {
+    /// Index.
+    pub column: usize,
+    /// The factor of each independent column, in their order.
+    pub factors: Vec<f64>,
 }
 
 impl Dependence {
     /// Whether an independent column's coefficient is determined by itself, that is, carries no dependent
     /// column.
     pub fn stands_alone(&self, position: usize) -> bool {
-        self.dependent.iter().all(|(_, factors)| factors[position] == 0.0)
+        self.dependent.iter().all(|d| d.factors[position] == 0.0)
     }
 }
 
 /// Part of a column's length below which what is left of it says nothing: no record of rotor speeds or
-/// swash-plate angles is good to a millionth, and the normal equations of such columns keep four digits of
-/// sixteen.
+/// swash-plate angles is good to a millionth.
 const LEAST_PART: f64 = 1e-6;
 
 /// Goes through the columns from left to right and keeps each that is not a combination of those kept before.
@@ -40,12 +48,10 @@ pub fn independent_columns(columns: &DMatrix<f64>, noise_std: &[f64]) -> Depende
         let (factors, left) = project(columns, &out.independent, &column);
         if length > 0.0 && left > noise.max(LEAST_PART * length) && out.independent.len() < rows {
             out.independent.push(j);
-            for (_, factors) in &mut out.dependent {
-                factors.push(0.0);
-            }
+            out.dependent.iter_mut().for_each(|d| d.factors.push(0.0));
         } else {
             let factors = fewest(columns, &out.independent, &column, factors, left.max(LEAST_PART * length));
-            out.dependent.push((j, factors));
+            out.dependent.push(DependentColumn { column: j, factors });
         }
     }
     out
@@ -104,8 +110,11 @@ mod tests {
         let d = independent_columns(&columns, &[0.0; 4]);
         assert_eq!(d.independent, [0, 1]);
         assert_eq!(d.dependent.len(), 2);
-        assert!((d.dependent[0].1[0] - 4.631).abs() < 1e-12 && d.dependent[0].1[1] == 0.0);
-        assert!((d.dependent[1].1[0] - 1.0).abs() < 1e-12 && (d.dependent[1].1[1] - 2.0).abs() < 1e-12);
+        assert!((d.dependent[0].factors[0] - 4.631).abs() < 1e-12 && d.dependent[0].factors[1] == 0.0);
+        assert!(
+            (d.dependent[1].factors[0] - 1.0).abs() < 1e-12
+                && (d.dependent[1].factors[1] - 2.0).abs() < 1e-12
+        );
         assert!(!d.stands_alone(0) && !d.stands_alone(1));
     }
 
@@ -119,8 +128,8 @@ mod tests {
         });
         let d = independent_columns(&columns, &[0.0; 3]);
         assert_eq!(d.independent, [0, 1]);
-        assert_eq!(d.dependent[0].1[0], 0.0);
-        assert!((d.dependent[0].1[1] - 0.75).abs() < 1e-7);
+        assert_eq!(d.dependent[0].factors[0], 0.0);
+        assert!((d.dependent[0].factors[1] - 0.75).abs() < 1e-7);
         assert!(d.stands_alone(0) && !d.stands_alone(1));
     }
 

@@ -12,9 +12,8 @@ pub struct Collinearity {
     pub singular_values: DVector<f64>,
     /// The largest over each (Belsley, Kuh & Welsch 1980, section 3.2); the last is the condition number.
     pub condition_indices: DVector<f64>,
-    /// Share of each parameter's variance (column) that goes with each singular value (row); columns sum to
-    /// one. Two or more shares above a half in a row of a condition index above 30 are entangled parameters
-    /// (same, section 3.3).
+    /// Share of each parameter's variance (column) that goes with each singular value (row). Two or more
+    /// above a half in a row of a condition index above 30 are entangled parameters (same, section 3.3).
     pub variance_proportions: DMatrix<f64>,
     /// By how much each parameter's variance exceeds that without the other columns; about the mean for
     /// columns next to a constant one (Marquardt 1970).
@@ -33,10 +32,7 @@ pub fn collinearity(columns: &DMatrix<f64>) -> Result<Collinearity, IdentifyErro
     if lengths.contains(&0.0) {
         return Err(IdentifyError::RankZero);
     }
-    let mut scaled = columns.clone();
-    for (mut column, length) in scaled.column_iter_mut().zip(&lengths) {
-        column /= *length;
-    }
+    let scaled = DMatrix::from_fn(rows, count, |i, j| columns[(i, j)] / lengths[j]);
     let svd = jacobi_svd(&scaled.qr().r());
     if svd.singular_values[count - 1] == 0.0 {
         return Err(IdentifyError::RankZero);
@@ -154,10 +150,10 @@ pub fn agreement(measured: &[f64], predicted: &[f64]) -> Agreement {
 
 /// Sum of squares of the prediction error of rows when they are left out, in blocks of consecutive rows.
 ///
-/// A block of one is PRESS (Allen 1974). Where neighbours' errors are correlated, the neighbours that remain
-/// predict the one left out, and too large models look good; a block about as long as the correlation
-/// prevents that (Burman, Chow & Nolan 1994). Formed from one fit: the block's prediction error is (I - H)⁻¹
-/// e with H its part of the hat matrix. Infinite where a block's rows alone hold a parameter.
+/// A block of one is PRESS (Allen 1974); where neighbours' errors are correlated, a block about as long as
+/// that keeps too large models from looking good (Burman, Chow & Nolan 1994). Formed from one fit: the
+/// block's prediction error is (I - H)⁻¹ e with H its part of the hat matrix. Infinite where a block's rows
+/// alone hold a parameter.
 ///
 /// # Errors
 /// The errors of [`crate::least_squares`].
@@ -165,11 +161,10 @@ pub fn press(regressors: &DMatrix<f64>, output: &DVector<f64>, block: usize) -> 
     check(regressors, output)?;
     let factored = Factored::new(regressors)?;
     let (_, residuals) = factored.solve(output)?;
-    let rows = output.len();
+    let (rows, block) = (output.len(), block.max(1));
     let mut sum = 0.0;
-    let mut start = 0;
-    while start < rows {
-        let size = block.max(1).min(rows - start);
+    for start in (0..rows).step_by(block) {
+        let size = block.min(rows - start);
         let q = factored.q.rows(start, size);
         let left = DMatrix::identity(size, size) - q * q.transpose();
         let own = residuals.rows(start, size).into_owned();
@@ -177,7 +172,6 @@ pub fn press(regressors: &DMatrix<f64>, output: &DVector<f64>, block: usize) -> 
             return Ok(f64::INFINITY);
         };
         sum += factor.solve(&own).norm_squared();
-        start += size;
     }
     Ok(sum)
 }

@@ -95,11 +95,8 @@ pub enum IdentifyError {
         nyquist_hz: f64,
     },
     /// A model file that cannot be read.
-    #[error("the model file: {detail}")]
-    ModelFile {
-        /// What is wrong with it.
-        detail: String,
-    },
+    #[error("the model file: {0}")]
+    ModelFile(String),
     /// A regressor that names no signal.
     #[error(
         "output {output} names the signal {signal:?}, which does not exist: use one of {known}, or the name of a further column of numbers in the inputs"
@@ -115,14 +112,11 @@ pub enum IdentifyError {
     /// No column carries anything.
     #[error("the regressors have rank zero: nothing was excited; fly a manoeuvre")]
     RankZero,
-    /// The total least-squares solution does not exist.
+    /// The total least-squares solution does not exist, by the share of the output in the vector.
     #[error(
-        "total least squares has no solution here (the smallest singular vector has no part in the output, {part:.1e}): use least squares, or a manoeuvre that excites the regressors"
+        "total least squares has no solution here (the smallest singular vector has no part in the output, {0:.1e}): use least squares, or a manoeuvre that excites the regressors"
     )]
-    NonGeneric {
-        /// Share of the output in the vector.
-        part: f64,
-    },
+    NonGeneric(f64),
     /// A name that the model does not have.
     #[error("the model has no parameter {name:?}: use one of {known}")]
     UnknownParameter {
@@ -151,18 +145,12 @@ pub enum IdentifyError {
         /// Which part.
         what: &'static str,
     },
-    /// Too few instants to start from.
-    #[error("{known} instants have a pose, but at least 4 are needed to start: measure more of the flight")]
-    NoStart {
-        /// Instants with a pose.
-        known: usize,
-    },
-    /// A trajectory that is not finite.
-    #[error("the trajectory from {t_s:.3} s on diverges: start from other values, or shorten the segments")]
-    RanAway {
-        /// Start of the segment.
-        t_s: f64,
-    },
+    /// Too few instants with a pose to start from.
+    #[error("{0} instants have a pose, but at least 4 are needed to start: measure more of the flight")]
+    NoStart(usize),
+    /// A trajectory that is not finite in a segment, by the segment's first time.
+    #[error("the trajectory from {0:.3} s on diverges: start from other values, or shorten the segments")]
+    RanAway(f64),
     /// Nothing to be estimated.
     #[error("no parameter is free: name at least one")]
     NothingFree,

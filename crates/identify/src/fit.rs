@@ -87,8 +87,7 @@ pub struct Diagnostics {
     pub collinearity: Collinearity,
     /// Correlations of their estimates.
     pub correlations: DMatrix<f64>,
-    /// Sum of squares of the prediction errors of instants left out in blocks of one period of the low-pass
-    /// ([`crate::press()`]).
+    /// [`crate::press()`] in blocks of one period of the low-pass.
     pub press: f64,
     /// One less PRESS over the sum of squares about the mean.
     pub predicted_r2: f64,
@@ -161,8 +160,7 @@ impl Identification {
 pub struct FitOptions {
     /// Estimators, in the order of the results.
     pub estimators: Vec<Estimator>,
-    /// Band of [`Estimator::FrequencyDomain`]; where there is none, from one cycle in the window to the
-    /// bandwidth of the output.
+    /// Band of [`Estimator::FrequencyDomain`]; by default one cycle in the window to the output's bandwidth.
     pub band: Option<Band>,
     /// First and last time of a part that is not fitted but predicted.
     pub held_out_s: Option<(f64, f64)>,

@@ -2,63 +2,42 @@
 
 use crate::robust_covariance::Correlation;
 use crate::{IdentifyError, LeastSquares, least_squares};
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{Complex, DMatrix, DVector};
 use std::f64::consts::PI;
 
-/// The finite Fourier transform ∫ x(t) exp(-2πi f t) dt of a series at steps of `dt_s`, counted from its
-/// first sample, at any frequency: (real, imaginary) for each of `frequencies_hz`.
+/// What each of `rows` samples at steps of `dt_s` weighs in the finite Fourier transforms ∫ x(t) exp(-2πi f t)
+/// dt, counted from the first sample, at some frequencies: real parts, then imaginary, by samples.
 ///
 /// Exact for the straight lines between samples (Filon's rule of first order; Press et al. 2007, section
-/// 13.9), where a plain sum would be in error by the sampling; Morelli (1997) says why that matters.
-/// Frequencies need not be multiples of anything.
-pub fn fourier_transform(series: &[f64], dt_s: f64, frequencies_hz: &[f64]) -> Vec<(f64, f64)> {
-    let parts = sample_weights(frequencies_hz, series.len(), dt_s) * DVector::from_column_slice(series);
-    let (real, imaginary) = parts.as_slice().split_at(frequencies_hz.len());
-    real.iter().copied().zip(imaginary.iter().copied()).collect()
-}
-
-/// What each of `rows` samples weighs in the transforms at some frequencies: real parts, then imaginary, by
-/// samples.
+/// 13.9), where a plain sum would be in error by the sampling (Morelli 1997).
 fn sample_weights(frequencies_hz: &[f64], rows: usize, dt_s: f64) -> DMatrix<f64> {
     let count = frequencies_hz.len();
     let mut out = DMatrix::zeros(2 * count, rows);
-    for (k, f_hz) in frequencies_hz.iter().enumerate() {
+    for (k, f_hz) in frequencies_hz.iter().enumerate().filter(|_| rows > 1) {
         let angle = 2.0 * PI * f_hz * dt_s;
-        let hat = Hat::new(angle);
-        for i in 0..if rows > 1 { rows } else { 0 } {
-            let (s, c) = (angle * i as f64).sin_cos();
-            let (real, imaginary) = match i {
-                0 => (hat.end_real, hat.end_imaginary),
-                _ if i + 1 == rows => (hat.end_real, -hat.end_imaginary),
-                _ => (hat.inner, 0.0),
-            };
-            out[(k, i)] = dt_s * (c * real + s * imaginary);
-            out[(count + k, i)] = dt_s * (c * imaginary - s * real);
+        let half = half_hat(angle);
+        for i in 0..rows {
+            let turn = Complex::from_polar(dt_s, -angle * i as f64);
+            let weight = turn
+                * match i {
+                    0 => half,
+                    _ if i + 1 == rows => half.conj(),
+                    _ => half + half.conj(),
+                };
+            (out[(k, i)], out[(count + k, i)]) = (weight.re, weight.im);
         }
     }
     out
 }
 
-/// ∫ of the hat function times exp(-iθx), and of its right half.
-struct Hat {
-    inner: f64,
-    end_real: f64,
-    end_imaginary: f64,
-}
-
-impl Hat {
-    fn new(theta: f64) -> Self {
-        let t2 = theta * theta;
-        if theta.abs() < 1e-2 {
-            return Self {
-                inner: 1.0 - t2 / 12.0 + t2 * t2 / 360.0,
-                end_real: 0.5 - t2 / 24.0 + t2 * t2 / 720.0,
-                end_imaginary: -theta * (1.0 / 6.0 - t2 / 120.0 + t2 * t2 / 5040.0),
-            };
-        }
-        let inner = (2.0 - 2.0 * theta.cos()) / t2;
-        Self { inner, end_real: 0.5 * inner, end_imaginary: -(theta - theta.sin()) / t2 }
+/// ∫ of the right half of the hat function times exp(-iθx).
+fn half_hat(theta: f64) -> Complex<f64> {
+    let t2 = theta * theta;
+    if theta.abs() < 1e-2 {
+        let imaginary = theta * (1.0 / 6.0 - t2 / 120.0 + t2 * t2 / 5040.0);
+        return Complex::new(0.5 - t2 / 24.0 + t2 * t2 / 720.0, -imaginary);
     }
+    Complex::new(1.0 - theta.cos(), theta.sin() - theta) / t2
 }
 
 /// A band and the frequencies in it.
@@ -81,8 +60,7 @@ impl Band {
         (0..=count as usize).map(|k| self.low_hz + k as f64 / length_s).collect()
     }
 
-    /// What each of `rows` samples weighs in the transforms at the band's frequencies: real parts, then
-    /// imaginary, by samples.
+    /// [`sample_weights`] at the band's frequencies.
     ///
     /// # Errors
     /// [`IdentifyError::BadBand`] where no frequency of it lies between zero and half the sampling rate.
@@ -120,16 +98,17 @@ pub fn frequency_domain(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::normal;
+    use mavsight_random::Random;
 
     #[test]
     fn straight_lines_are_transformed_as_the_closed_form_says() {
         let (dt, n) = (0.1, 41);
         let length = dt * (n - 1) as f64;
-        let line: Vec<f64> = (0..n).map(|k| 0.7 - 0.3 * dt * k as f64).collect();
+        let line = DVector::from_fn(n, |k, _| 0.7 - 0.3 * dt * k as f64);
         for f in [1e-6, 0.01, 0.3, 1.7, 4.9] {
             let w = 2.0 * PI * f;
-            let (real, imaginary) = fourier_transform(&line, dt, &[f])[0];
+            let parts = sample_weights(&[f], n, dt) * &line;
+            let (real, imaginary) = (parts[0], parts[1]);
             // ∫ (a + b t) e^{-iwt} dt by parts, as sums of sines and cosines.
             let (a, b) = (0.7, -0.3);
             let (c, s) = ((w * length).cos(), (w * length).sin());
@@ -144,16 +123,13 @@ mod tests {
                 "{f}: {imaginary} is not {imaginary_exact}"
             );
         }
-        let (area, none) = fourier_transform(&line, dt, &[0.0])[0];
-        assert!((area - (0.7 * length - 0.15 * length * length)).abs() < 1e-12 && none == 0.0);
+        let area = sample_weights(&[0.0], n, dt) * &line;
+        assert!((area[0] - (0.7 * length - 0.15 * length * length)).abs() < 1e-12 && area[1] == 0.0);
     }
 
     #[test]
     fn weights_are_continuous_where_the_series_ends() {
-        let (below, above) = (Hat::new(0.009_999_999), Hat::new(0.010_000_001));
-        assert!((below.inner - above.inner).abs() < 1e-9);
-        assert!((below.end_real - above.end_real).abs() < 1e-9);
-        assert!((below.end_imaginary - above.end_imaginary).abs() < 1e-9);
+        assert!((half_hat(0.009_999_999) - half_hat(0.010_000_001)).norm() < 1e-9);
     }
 
     #[test]
@@ -176,7 +152,7 @@ mod tests {
     #[test]
     fn knows_its_spread_in_coloured_noise() {
         let (dt, n, runs) = (1.0 / 30.0, 600, 400);
-        let mut seed = 21;
+        let mut random = Random::new(21, 0);
         let x = DMatrix::from_fn(n, 2, |i, j| {
             let t = i as f64 * dt;
             (1..8)
@@ -187,7 +163,7 @@ mod tests {
         for _ in 0..runs {
             let mut state = 0.0;
             let y = DVector::from_fn(n, |i, _| {
-                state = 0.8 * state + normal(&mut seed);
+                state = 0.8 * state + random.normal();
                 2.0 * x[(i, 0)] - x[(i, 1)] + state
             });
             let fit = frequency_domain(&x, &y, dt, Band { low_hz: 0.1, high_hz: 1.6 }).expect("a fit");

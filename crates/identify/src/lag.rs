@@ -3,14 +3,13 @@
 use crate::coloured::coloured;
 use crate::dependence::independent_columns;
 use crate::model::factors;
-use crate::regressors::form;
-use crate::table::Output;
 use crate::{
-    Bandwidth, CoefficientTable, Correlation, IdentifyError, Model, Options, OutputModel, When, coefficients,
+    Bandwidth, CoefficientTable, Correlation, IdentifyError, Options, OutputModel, When, coefficients,
     least_squares,
 };
 use mavsight_flight::{InputChannel, InputSample, InputSeries, Vehicle};
 use mavsight_pose::Motion;
+use nalgebra::{DMatrix, DVector};
 
 /// The lag of the motion behind the inputs.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -91,25 +90,22 @@ pub fn delayed(inputs: &InputSeries, lag_s: f64) -> Result<InputSeries, Identify
     let given = inputs.samples();
     let interval_s = (inputs.end_s() - inputs.start_s()) / (given.len() - 1) as f64;
     let uncovered = (lag_s.abs() / interval_s).ceil() as usize;
-    let moved = |s: &InputSample| InputSample { t_s: s.t_s + lag_s, ..*s };
-    let held = |at: &InputSample, k: f64| InputSample { t_s: at.t_s + lag_s + k * interval_s, ..*at };
-    let mut samples: Vec<InputSample> = Vec::with_capacity(given.len() + uncovered);
-    if lag_s > 0.0 {
-        samples.extend((1..=uncovered).rev().map(|k| held(&given[0], -(k as f64))));
-    }
-    samples.extend(given.iter().map(moved));
-    if lag_s < 0.0 {
-        samples.extend((1..=uncovered).map(|k| held(&given[given.len() - 1], k as f64)));
-    }
     let before = if lag_s > 0.0 { uncovered } else { 0 };
-    let count = samples.len();
-    let channel = |c: &InputChannel| {
-        let last = c.values.len() - 1;
-        let value = |k: usize| c.values[k.saturating_sub(before).min(last)];
-        InputChannel { name: c.name.clone(), values: (0..count).map(value).collect() }
+    // The place of each sample from the first that was given, and of the given one whose values it has.
+    let places = || {
+        let all = (0..given.len() + uncovered).map(move |k| k as f64 - before as f64);
+        all.map(|k| (k, (k.max(0.0) as usize).min(given.len() - 1)))
+    };
+    let sample = |(k, of): (f64, usize)| InputSample {
+        t_s: given[of].t_s + lag_s + (k - of as f64) * interval_s,
+        ..given[of]
+    };
+    let channel = |c: &InputChannel| InputChannel {
+        name: c.name.clone(),
+        values: places().map(|(_, of)| c.values[of]).collect(),
     };
     let channels = inputs.channels().iter().map(channel).collect();
-    Ok(InputSeries::new(samples)?.with_channels(channels)?)
+    Ok(InputSeries::new(places().map(sample).collect())?.with_channels(channels)?)
 }
 
 /// Estimates the lag between the inputs' clock and the motion's, up to `reach_s` either way, from what the
@@ -168,11 +164,22 @@ struct LagSearch<'a> {
     motion: &'a Motion,
     inputs: &'a InputSeries,
     vehicle: &'a Vehicle,
-    /// Of all outputs that are fitted, behind the widest of their low-passes.
-    options: Options,
+    equations: Vec<Equation>,
     bandwidth_hz: f64,
-    /// Independent columns of each output.
-    independent: Vec<Vec<usize>>,
+}
+
+/// An output that is fitted, behind the widest of all outputs' low-passes.
+struct Equation {
+    options: Options,
+    independent: Vec<usize>,
+}
+
+/// An equation under a lag, in the rows of its window.
+struct Lagged {
+    table: CoefficientTable,
+    rows: Vec<usize>,
+    x: DMatrix<f64>,
+    y: DVector<f64>,
 }
 
 impl<'a> LagSearch<'a> {
@@ -182,35 +189,33 @@ impl<'a> LagSearch<'a> {
         vehicle: &'a Vehicle,
         options: &Options,
     ) -> Result<Self, IdentifyError> {
-        let mut model = Model { output: Vec::new(), ..options.model()? };
-        let mut bandwidth_hz = 0.0_f64;
-        // One equation after the other, so that the errors of no more than one are held.
-        for one in options.by_equation()? {
-            let table = coefficients(motion, inputs, vehicle, &one)?;
+        let mut search = Self { motion, inputs, vehicle, equations: Vec::new(), bandwidth_hz: 0.0 };
+        for mut options in options.by_equation()? {
+            let table = coefficients(motion, inputs, vehicle, &options)?;
             let Some(output) = table.outputs.first() else { continue };
-            bandwidth_hz = bandwidth_hz.max(output.bandwidth_hz.min(0.5 / table.sample_interval_s));
-            model.output.extend(one.model()?.output.into_iter().map(without_imitators));
+            let bandwidth_hz = output.bandwidth_hz.min(0.5 / table.sample_interval_s);
+            search.bandwidth_hz = search.bandwidth_hz.max(bandwidth_hz);
+            options.model.iter_mut().flat_map(|m| &mut m.output).for_each(leave_out_imitators);
+            search.equations.push(Equation { options, independent: Vec::new() });
         }
-        let options =
-            Options { model: Some(model), bandwidth: Bandwidth::Hz(bandwidth_hz), ..options.clone() };
-        let mut independent = Vec::new();
-        for one in options.by_equation()? {
-            let table = coefficients(motion, inputs, vehicle, &one)?;
-            let regressors = |o: &Output| o.regressors_at(&table.rows_in_window());
-            independent.extend(table.outputs.iter().map(|o| o.dependence(&regressors(o)).independent));
+        for equation in &mut search.equations {
+            equation.options.bandwidth = Bandwidth::Hz(search.bandwidth_hz);
+            let table = coefficients(motion, inputs, vehicle, &equation.options)?;
+            let output = &table.outputs[0];
+            equation.independent =
+                output.dependence(&output.regressors_at(&table.rows_in_window())).independent;
         }
-        Ok(Self { motion, inputs, vehicle, options, bandwidth_hz, independent })
+        search.equations.retain(|e| !e.independent.is_empty());
+        Ok(search)
     }
 
-    /// All outputs under a lag.
-    fn table(&self, lag_s: f64) -> Result<CoefficientTable, IdentifyError> {
-        form(self.motion, &delayed(self.inputs, lag_s)?, self.vehicle, &self.options, false)
-    }
-
-    /// Outputs that can be fitted to their independent columns in so many rows, by number.
-    fn fitted(&self, rows: usize) -> impl Iterator<Item = (usize, &[usize])> {
-        let columns = self.independent.iter().map(Vec::as_slice).enumerate();
-        columns.filter(move |(_, own)| !own.is_empty() && rows > own.len() + 1)
+    fn lagged(&self, equation: &Equation, lag_s: f64) -> Result<Lagged, IdentifyError> {
+        let inputs = delayed(self.inputs, lag_s)?;
+        let table = coefficients(self.motion, &inputs, self.vehicle, &equation.options)?;
+        let rows = table.rows_in_window();
+        let x = table.outputs[0].columns_at(&equation.independent, &rows);
+        let y = table.outputs[0].values_at(&rows);
+        Ok(Lagged { table, rows, x, y })
     }
 
     /// The shift of least residuals on a grid of a quarter of a period of the low-pass.
@@ -233,61 +238,71 @@ impl<'a> LagSearch<'a> {
 
     /// Σ n ln(RSS), with n the number of rows that are not correlated.
     fn scatter(&self, lag_s: f64) -> Result<f64, IdentifyError> {
-        let table = self.table(lag_s)?;
-        let rows = table.rows_in_window();
         let mut sum = 0.0;
-        for (k, independent) in self.fitted(rows.len()) {
-            let output = &table.outputs[k];
-            let (x, y) = (output.columns_at(independent, &rows), output.values_at(&rows));
-            let squares = least_squares(&x, &y, Correlation::White)?.residuals.norm_squared();
-            let apart = rows.len() as f64 / table.correlated_rows(output.bandwidth_hz, rows.len()) as f64;
-            sum += apart * squares.max(f64::MIN_POSITIVE).ln();
+        for equation in &self.equations {
+            let at = self.lagged(equation, lag_s)?;
+            if at.is_short() {
+                continue;
+            }
+            let squares = least_squares(&at.x, &at.y, Correlation::White)?.residuals.norm_squared();
+            sum += at.rows.len() as f64 / at.correlated_rows() as f64 * squares.max(f64::MIN_POSITIVE).ln();
         }
         Ok(sum)
     }
 
-    /// The step from a lag to where every output's residuals are least, with its standard deviation: the
-    /// coefficient of their slope beside the regressors.
+    /// The step from a lag to where every output's residuals are least, with its standard deviation.
     fn step(&self, lag_s: f64, by_s: f64) -> Result<Option<Lag>, IdentifyError> {
-        let (low, here, high) = (self.table(lag_s - by_s)?, self.table(lag_s)?, self.table(lag_s + by_s)?);
-        let rows = here.rows_in_window();
-        let mut steps: Vec<Lag> = Vec::new();
-        for (k, independent) in self.fitted(rows.len()) {
-            let output = &here.outputs[k];
-            let (mut x, y) = (output.columns_at(independent, &rows), output.values_at(&rows));
-            let fit = least_squares(&x, &y, Correlation::White)?;
-            let left = |table: &CoefficientTable| {
-                let other = &table.outputs[k];
-                other.values_at(&rows) - other.columns_at(independent, &rows) * &fit.values
-            };
-            let count = x.ncols();
-            x = x.insert_column(count, 0.0);
-            x.set_column(count, &((left(&low) - left(&high)) / (2.0 * by_s)));
-            if !independent_columns(&x, &vec![0.0; count + 1]).independent.contains(&count) {
-                continue;
-            }
-            let how = Correlation::Rows(here.correlated_rows(output.bandwidth_hz, rows.len()));
-            let Ok(slope) = least_squares(&x, &fit.residuals, how) else { continue };
-            let errors = here.residual_errors(output, independent, &fit.values, &rows);
-            let known = coloured(&x, &slope.inverse_gram, &slope.residuals, &errors);
-            let covariance = known.map_or(slope.covariance, |c| c.covariance);
-            let std_s = covariance[(count, count)].max(0.0).sqrt();
-            if std_s > 0.0 && std_s.is_finite() {
-                steps.push(Lag { lag_s: slope.values[count], std_s });
-            }
+        let mut steps = Vec::new();
+        for equation in &self.equations {
+            steps.extend(self.step_of(equation, lag_s, by_s)?);
         }
         Ok(together(&steps))
     }
+
+    /// The step of one output: the coefficient of the residuals' slope beside the regressors.
+    fn step_of(&self, equation: &Equation, lag_s: f64, by_s: f64) -> Result<Option<Lag>, IdentifyError> {
+        let at = self.lagged(equation, lag_s)?;
+        if at.is_short() {
+            return Ok(None);
+        }
+        let fit = least_squares(&at.x, &at.y, Correlation::White)?;
+        let left = |lag_s: f64| self.lagged(equation, lag_s).map(|s| s.y - s.x * &fit.values);
+        let slope = (left(lag_s - by_s)? - left(lag_s + by_s)?) / (2.0 * by_s);
+        let count = at.x.ncols();
+        let mut x = at.x.clone().insert_column(count, 0.0);
+        x.set_column(count, &slope);
+        if !independent_columns(&x, &vec![0.0; count + 1]).independent.contains(&count) {
+            return Ok(None);
+        }
+        let Ok(slope) = least_squares(&x, &fit.residuals, Correlation::Rows(at.correlated_rows())) else {
+            return Ok(None);
+        };
+        let output = &at.table.outputs[0];
+        let errors = at.table.residual_errors(output, &equation.independent, &fit.values, &at.rows);
+        let known = coloured(&x, &slope.inverse_gram, &slope.residuals, &errors);
+        let covariance = known.map_or(slope.covariance, |c| c.covariance);
+        let std_s = covariance[(count, count)].max(0.0).sqrt();
+        Ok((std_s > 0.0 && std_s.is_finite()).then_some(Lag { lag_s: slope.values[count], std_s }))
+    }
 }
 
-/// Without the columns that a lag could hide in; and fitted whatever a shift does to it.
-fn without_imitators(mut output: OutputModel) -> OutputModel {
+impl Lagged {
+    fn is_short(&self) -> bool {
+        self.rows.len() <= self.x.ncols() + 1
+    }
+
+    fn correlated_rows(&self) -> usize {
+        self.table.correlated_rows(self.table.outputs[0].bandwidth_hz, self.rows.len())
+    }
+}
+
+/// Leaves out the columns that a lag could hide in; the output is fitted whatever a shift does to it.
+fn leave_out_imitators(output: &mut OutputModel) {
     output.when = When::Always;
     for (disc, plate) in [("alpha_l", "delta_lon"), ("beta_l", "delta_lat")] {
         let driven = output.regressors.iter().any(|r| factors(r).any(|f| f == disc));
         output.regressors.retain(|r| !driven || r != plate || output.fixed.contains_key(r));
     }
-    output
 }
 
 /// The mean by inverse variances.

@@ -22,7 +22,6 @@ mod recursive;
 mod regression;
 mod regressors;
 mod robust_covariance;
-mod row_errors;
 mod signals;
 mod structure;
 mod table;
@@ -31,22 +30,23 @@ mod testing;
 mod total_least_squares;
 mod verdict;
 
-pub use dependence::{Dependence, independent_columns};
+pub use dependence::{Dependence, DependentColumn, independent_columns};
 pub use diagnostics::{
     Agreement, Collinearity, agreement, autocorrelations, collinearity, correlations, press,
 };
 pub use error::IdentifyError;
 pub use fit::{Combination, Diagnostics, Estimator, FitOptions, Identification, OutputFit, Parameter};
-pub use frequency_domain::{Band, fourier_transform, frequency_domain};
+pub use frequency_domain::{Band, frequency_domain};
 pub use lag::{Clocks, Lag, delayed, estimate_lag};
 pub use least_squares::{LeastSquares, least_squares, student_quantile_975, weighted_least_squares};
 pub use model::{EQUATION_3, Measured, Model, OutputModel, SIGNALS, Scale, When};
-pub use noise::{ErrorRows, ErrorSpectrum};
+pub use noise::SignalErrors;
 pub use recursive::RecursiveLeastSquares;
 pub use regression::{identify, identify_with};
 pub use regressors::{Bandwidth, Options, coefficients};
 pub use robust_covariance::Correlation;
-pub use row_errors::total_least_squares_by_row;
-pub use structure::{Structure, choose_structure, stepwise};
+pub use structure::{Structure, StructureStep, choose_structure, stepwise};
 pub use table::{CoefficientTable, Column, Fixed, Output};
-pub use total_least_squares::{TotalLeastSquares, independent_errors, total_least_squares};
+pub use total_least_squares::{
+    TotalLeastSquares, independent_errors, total_least_squares, total_least_squares_by_row,
+};

@@ -121,8 +121,7 @@ impl Model {
     /// [`IdentifyError::ModelFile`] for text that is not such a file. Whether its signals exist,
     /// [`Model::check_signals`] says.
     pub fn parse(text: &str) -> Result<Self, IdentifyError> {
-        let model: Self =
-            toml::from_str(text).map_err(|e| IdentifyError::ModelFile { detail: e.to_string() })?;
+        let model: Self = toml::from_str(text).map_err(|e| IdentifyError::ModelFile(e.to_string()))?;
         model.check()?;
         Ok(model)
     }
@@ -143,9 +142,8 @@ impl Model {
         let own = SIGNALS.iter().map(|(name, _)| *name);
         let known: Vec<&str> = own.chain(inputs.channels().iter().map(|c| c.name.as_str())).collect();
         for output in &self.output {
-            if let Some(signal) =
-                output.regressors.iter().flat_map(|r| factors(r)).find(|f| !known.contains(f))
-            {
+            let mut signals = output.regressors.iter().flat_map(|r| factors(r));
+            if let Some(signal) = signals.find(|signal| !known.contains(signal)) {
                 return Err(IdentifyError::UnknownSignal {
                     output: output.name.clone(),
                     signal: signal.to_owned(),
@@ -157,7 +155,6 @@ impl Model {
     }
 
     fn check(&self) -> Result<(), IdentifyError> {
-        let wrong = |detail: String| Err(IdentifyError::ModelFile { detail });
         if self.schema != 1 {
             return wrong(format!("schema is {}, but this program reads 1", self.schema));
         }
@@ -176,28 +173,29 @@ impl Model {
 
 impl OutputModel {
     fn check(&self) -> Result<(), IdentifyError> {
-        let wrong = |detail: String| Err(IdentifyError::ModelFile { detail });
-        for (k, regressor) in self.regressors.iter().enumerate() {
-            if self.regressors[..k].contains(regressor) {
-                return wrong(format!("output {} names the regressor {regressor} twice", self.name));
-            }
+        let Self { name: output, regressors, fixed, .. } = self;
+        if let Some((_, twice)) = regressors.iter().enumerate().find(|(k, r)| regressors[..*k].contains(r)) {
+            return wrong(format!("output {output} names the regressor {twice} twice"));
         }
-        for (name, value) in &self.fixed {
-            if !self.regressors.contains(name) {
+        for (name, value) in fixed {
+            if !regressors.contains(name) {
                 return wrong(format!(
-                    "output {} fixes {name}, which is none of its regressors: add it there, or take it out of `fixed`",
-                    self.name
+                    "output {output} fixes {name}, which is none of its regressors: add it there, or take it out of `fixed`"
                 ));
             }
             if !value.is_finite() {
-                return wrong(format!("output {} fixes {name} at {value}, which is not a number", self.name));
+                return wrong(format!("output {output} fixes {name} at {value}, which is not a number"));
             }
         }
-        if self.regressors.len() == self.fixed.len() {
-            return wrong(format!("output {} has no free regressor", self.name));
+        if regressors.len() == fixed.len() {
+            return wrong(format!("output {output} has no free regressor"));
         }
         Ok(())
     }
+}
+
+fn wrong(detail: String) -> Result<(), IdentifyError> {
+    Err(IdentifyError::ModelFile(detail))
 }
 
 /// The signals whose product a regressor is.

@@ -11,7 +11,6 @@ const MAX_REFINEMENTS: usize = 12;
 pub(crate) struct Factored {
     columns: DMatrix<f64>,
     scales: DVector<f64>,
-    /// Orthonormal columns.
     pub(crate) q: DMatrix<f64>,
     r: DMatrix<f64>,
 }
@@ -22,10 +21,8 @@ impl Factored {
     /// # Errors
     /// [`IdentifyError::RankZero`] for a column of zeros.
     pub(crate) fn new(columns: &DMatrix<f64>) -> Result<Self, IdentifyError> {
-        let scales = DVector::from_iterator(
-            columns.ncols(),
-            columns.column_iter().map(|c| power_of_two(c.amax(), c.norm())),
-        );
+        let lengths = columns.column_iter().map(|c| power_of_two(c.amax(), c.norm()));
+        let scales = DVector::from_iterator(columns.ncols(), lengths);
         if scales.iter().any(|s| !s.is_normal()) {
             return Err(IdentifyError::RankZero);
         }
@@ -41,14 +38,12 @@ impl Factored {
         Ok(Self { columns: scaled, scales, q, r })
     }
 
-    /// Coefficients and residuals of least squares.
     pub(crate) fn solve(&self, output: &DVector<f64>) -> Result<(DVector<f64>, DVector<f64>), IdentifyError> {
         let zero = DVector::zeros(self.columns.ncols());
         let (x, residuals) = self.augmented(output, &zero)?;
         Ok((x.component_div(&self.scales), residuals))
     }
 
-    /// (XᵀX)⁻¹.
     pub(crate) fn inverse_gram(&self) -> Result<DMatrix<f64>, IdentifyError> {
         let (rows, count) = self.columns.shape();
         let none = DVector::zeros(rows);
@@ -61,9 +56,9 @@ impl Factored {
         Ok((&out + out.transpose()) * 0.5)
     }
 
-    /// x and r of r + X x = f, Xᵀ r = g, by fixed-precision refinement (Björck 1967): both right sides are
-    /// formed in twice the working precision, so x is right to nearly the last digit as long as condition × ε
-    /// is below one. Rounding of r cancels: it enters both sides and is taken out again.
+    /// x and r of r + X x = f, Xᵀ r = g, by fixed-precision refinement (Björck 1967): what is left of both
+    /// sides is formed in twice the working precision, so that x is right to nearly the last digit as long as
+    /// condition × ε is below one.
     fn augmented(
         &self,
         f: &DVector<f64>,
@@ -79,7 +74,9 @@ impl Factored {
                 DVector::from_fn(rows, |i, _| remainder(f[i], -r[i], (0..count).map(|j| (at(i, j), x[j]))));
             let left_g =
                 DVector::from_fn(count, |j, _| remainder(g[j], 0.0, (0..rows).map(|i| (at(i, j), r[i]))));
-            let (dx, dr) = self.correction(&left_f, &left_g)?;
+            let along = self.q.tr_mul(&left_f);
+            let h = self.r.tr_solve_upper_triangular(&left_g).ok_or(IdentifyError::RankZero)?;
+            let dx = self.r.solve_upper_triangular(&(&along - &h)).ok_or(IdentifyError::RankZero)?;
             let step = dx.norm();
             if !step.is_finite() {
                 return Err(IdentifyError::RankZero);
@@ -88,8 +85,8 @@ impl Factored {
             if step > 0.5 * last_step {
                 break;
             }
-            x += &dx;
-            r += &dr;
+            x += dx;
+            r += left_f - &self.q * (along - h);
             last_step = step;
             if step <= f64::EPSILON * 0.25 * x.norm() {
                 break;
@@ -97,58 +94,22 @@ impl Factored {
         }
         Ok((x, r))
     }
-
-    fn correction(
-        &self,
-        f: &DVector<f64>,
-        g: &DVector<f64>,
-    ) -> Result<(DVector<f64>, DVector<f64>), IdentifyError> {
-        let along = self.q.tr_mul(f);
-        let h = self.r.tr_solve_upper_triangular(g).ok_or(IdentifyError::RankZero)?;
-        let dx = self.r.solve_upper_triangular(&(&along - &h)).ok_or(IdentifyError::RankZero)?;
-        let dr = f - &self.q * (along - h);
-        Ok((dx, dr))
-    }
 }
 
-/// A running sum and what its roundings lost (Ogita, Rump & Oishi 2005, algorithm 5.3, `Dot2`).
-#[derive(Debug, Clone, Copy, Default)]
-struct Compensated {
-    sum: f64,
-    lost: f64,
-}
-
-impl Compensated {
-    fn new(start: f64) -> Self {
-        Self { sum: start, lost: 0.0 }
-    }
-
-    /// Adds a number; the rounding error is found without error (Knuth 1969, theorem 4.2.2 B).
-    fn add(&mut self, term: f64) {
-        let sum = self.sum + term;
-        let part = sum - self.sum;
-        self.lost += (self.sum - (sum - part)) + (term - part);
-        self.sum = sum;
-    }
-
-    /// Adds a product with the rounding error of the product.
-    fn add_product(&mut self, a: f64, b: f64) {
-        let product = a * b;
-        self.lost += a.mul_add(b, -product);
-        self.add(product);
-    }
-
-    fn value(self) -> f64 {
-        self.sum + self.lost
-    }
-}
-
-/// A sum of two numbers less products, as if formed in twice the working precision.
+/// A sum of two numbers less products, as if formed in twice the working precision: what roundings of sums
+/// and products lose is found without error (Knuth 1969, theorem 4.2.2 B) and summed up (Ogita, Rump & Oishi
+/// 2005, algorithm 5.3, `Dot2`).
 fn remainder(first: f64, second: f64, products: impl Iterator<Item = (f64, f64)>) -> f64 {
-    let mut sum = Compensated::new(first);
-    sum.add(second);
-    products.for_each(|(a, b)| sum.add_product(-a, b));
-    sum.value()
+    let (mut sum, mut lost) = (first, 0.0);
+    let mut add = |term: f64, rounding: f64| {
+        let next = sum + term;
+        let part = next - sum;
+        lost += (sum - (next - part)) + (term - part) + rounding;
+        sum = next;
+    };
+    add(second, 0.0);
+    products.for_each(|(a, b)| add(-a * b, (-a).mul_add(b, a * b)));
+    sum + lost
 }
 
 /// The power of two at or below the length of a column; zero where it has none.
@@ -163,15 +124,9 @@ mod tests {
 
     #[test]
     fn what_cancels_in_working_precision_is_kept() {
-        let mut sum = Compensated::new(1e16);
-        for term in [1.0, -1e16, 1e-3] {
-            sum.add(term);
-        }
-        assert_eq!(sum.value(), 1.001);
+        assert_eq!(remainder(1e16, 1.0, [(1e16, 1.0), (-1e-3, 1.0)].into_iter()), 1.001);
         let a = 1.0 + f64::EPSILON;
-        let mut dot = Compensated::default();
-        dot.add_product(a, a);
-        dot.add_product(-1.0, 1.0 + 2.0 * f64::EPSILON);
-        assert_eq!(dot.value(), f64::EPSILON * f64::EPSILON);
+        let dot = remainder(0.0, 0.0, [(-a, a), (1.0, 1.0 + 2.0 * f64::EPSILON)].into_iter());
+        assert_eq!(dot, f64::EPSILON * f64::EPSILON);
     }
 }

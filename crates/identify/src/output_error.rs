@@ -12,7 +12,6 @@
 //! standard deviations (Morelli & Klein 1997). The process itself is taken as free of noise: wind, or a model
 //! that lacks a term, is treated as such errors.
 
-mod assemble;
 mod colour;
 mod condense;
 mod covariance;

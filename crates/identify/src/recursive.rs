@@ -5,15 +5,13 @@ use nalgebra::{DMatrix, DVector};
 
 /// Least squares that takes one row at a time and forgets old ones at a chosen rate.
 ///
-/// Keeps the triangle R of QR and turns each new row into it by Givens rotations (Golub & Van Loan 2013,
-/// section 6.5.3), so that after any number of rows it holds what batch least squares would, without the loss
-/// of symmetry that updating the covariance suffers. An update costs O(p²) and allocates nothing.
+/// Keeps the triangle R of QR, into which each new row is turned (Golub & Van Loan 2013, section 6.5.3), so
+/// that after any number of rows it holds what batch least squares would, without the loss of symmetry that
+/// updating the covariance suffers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecursiveLeastSquares {
-    /// R with Qᵀy as its last column.
+    /// The triangle of all rows, the output their last column.
     triangle: DMatrix<f64>,
-    row: DVector<f64>,
-    square_sum: f64,
     /// Σ of the rows' weights.
     weight: f64,
     forgetting: f64,
@@ -33,13 +31,12 @@ impl RecursiveLeastSquares {
             let (what, must) = ("forgetting", "be above zero and at most one");
             return Err(IdentifyError::BadSetting { what, value: forgetting, must });
         }
-        Ok(Self {
-            triangle: DMatrix::zeros(parameters, parameters + 1),
-            row: DVector::zeros(parameters + 1),
-            square_sum: 0.0,
-            weight: 0.0,
-            forgetting,
-        })
+        let triangle = DMatrix::zeros(parameters + 1, parameters + 1);
+        Ok(Self { triangle, weight: 0.0, forgetting })
+    }
+
+    fn parameters(&self) -> usize {
+        self.triangle.ncols() - 1
     }
 
     /// Takes one row.
@@ -48,28 +45,14 @@ impl RecursiveLeastSquares {
     /// [`IdentifyError::BadColumn`] for a row of the wrong length or with a number that is not finite, which
     /// is left out: what was known stands.
     pub fn update(&mut self, regressors: &[f64], output: f64) -> Result<(), IdentifyError> {
-        let count = self.row.len() - 1;
+        let count = self.parameters();
         if regressors.len() != count || !output.is_finite() || !regressors.iter().all(|v| v.is_finite()) {
             return Err(IdentifyError::BadColumn { what: "the new row".to_owned(), rows: count });
         }
-        self.row.iter_mut().zip(regressors.iter().chain([&output])).for_each(|(to, from)| *to = *from);
-        self.triangle *= self.forgetting.sqrt();
-        self.square_sum *= self.forgetting;
+        let mut rows = (&self.triangle * self.forgetting.sqrt()).insert_row(count + 1, output);
+        rows.view_mut((count + 1, 0), (1, count)).copy_from_slice(regressors);
+        self.triangle = rows.qr().r();
         self.weight = self.weight * self.forgetting + 1.0;
-        for k in 0..count {
-            let (a, b) = (self.triangle[(k, k)], self.row[k]);
-            let length = a.hypot(b);
-            if length == 0.0 {
-                continue;
-            }
-            let (c, s) = (a / length, b / length);
-            for j in k..=count {
-                let (up, down) = (self.triangle[(k, j)], self.row[j]);
-                self.triangle[(k, j)] = c * up + s * down;
-                self.row[j] = c * down - s * up;
-            }
-        }
-        self.square_sum += self.row[count].powi(2);
         Ok(())
     }
 
@@ -80,7 +63,7 @@ impl RecursiveLeastSquares {
     /// noisier. Where the truth stands still they are not, and the variance is too large by a factor of up to
     /// 1 + λ.
     pub fn estimate(&self) -> Option<(DVector<f64>, DMatrix<f64>)> {
-        let count = self.row.len() - 1;
+        let count = self.parameters();
         // What is left of a column beside its length, so that units do not matter.
         let rounding = f64::EPSILON * (self.weight + count as f64);
         let singular = |k: usize| self.triangle[(k, k)].abs() <= rounding * self.triangle.column(k).norm();
@@ -97,31 +80,29 @@ impl RecursiveLeastSquares {
 
     /// The triangle R of all rows, RᵀR = XᵀX: its columns depend on each other as those of the regressors do.
     pub fn factor(&self) -> DMatrix<f64> {
-        self.triangle.columns(0, self.row.len() - 1).into_owned()
+        self.triangle.view((0, 0), (self.parameters(), self.parameters())).into_owned()
     }
 
     /// [`Self::estimate`] for some of the parameters, the others taken as zero: what is left when columns
     /// that are combinations of others ([`crate::independent_columns`]) are put aside. Indices beyond the
     /// columns give none.
     pub fn estimate_of(&self, parameters: &[usize]) -> Option<(DVector<f64>, DMatrix<f64>)> {
-        let count = self.row.len() - 1;
+        let count = self.parameters();
         let degrees = self.weight - parameters.len() as f64;
         if parameters.is_empty() || degrees <= 0.0 || parameters.iter().any(|p| *p >= count) {
             return None;
         }
         let columns = self.triangle.select_columns(parameters);
-        let unit = DMatrix::from_diagonal(&DVector::from_iterator(
-            parameters.len(),
-            columns.column_iter().map(|c| c.norm().recip()),
-        ));
+        let norms = DVector::from_iterator(parameters.len(), columns.column_iter().map(|c| c.norm()));
+        let unit = DMatrix::from_diagonal(&norms.map(f64::recip));
         let columns = columns * &unit;
         let output = self.triangle.column(count).into_owned();
         let qr = columns.clone().qr();
         let inverse = qr.r().try_inverse()?;
         let scaled = &inverse * qr.q().tr_mul(&output);
-        let variance = (self.square_sum + (output - columns * &scaled).norm_squared()) / degrees;
-        let values = &unit * scaled;
-        let root = unit * inverse;
+        let variance = (output - columns * &scaled).norm_squared() / degrees;
+        let root = &unit * inverse;
+        let values = unit * scaled;
         values.iter().all(|v| v.is_finite()).then(|| (values, &root * root.transpose() * variance))
     }
 }
@@ -129,14 +110,14 @@ impl RecursiveLeastSquares {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::normal;
     use crate::{Correlation, least_squares, weighted_least_squares};
+    use mavsight_random::Random;
 
     fn problem(rows: usize) -> (DMatrix<f64>, DVector<f64>) {
-        let mut seed = 7;
+        let mut random = Random::new(7, 0);
         let x =
             DMatrix::from_fn(rows, 3, |i, j| [1.0, (0.1 * i as f64).sin(), 1e3 * (i as f64).powf(0.7)][j]);
-        let y = DVector::from_fn(rows, |i, _| 2.0 - x[(i, 1)] + 3e-3 * x[(i, 2)] + 0.2 * normal(&mut seed));
+        let y = DVector::from_fn(rows, |i, _| 2.0 - x[(i, 1)] + 3e-3 * x[(i, 2)] + 0.2 * random.normal());
         (x, y)
     }
 

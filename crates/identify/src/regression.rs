@@ -6,8 +6,8 @@ use crate::diagnostics::{agreement, autocorrelations, collinearity, correlations
 use crate::fit::{
     Combination, Diagnostics, Estimator, FitOptions, Identification, Line, OutputFit, Parameter,
 };
-use crate::row_errors::by_row;
 use crate::table::Output;
+use crate::total_least_squares::by_row;
 use crate::{
     Band, CoefficientTable, Correlation, IdentifyError, LeastSquares, TotalLeastSquares, least_squares,
     student_quantile_975, total_least_squares, verdict, weighted_least_squares,
@@ -45,7 +45,6 @@ pub fn identify_with(
     Ok(Identification { fits })
 }
 
-/// The rows of one output inside the window.
 struct Regression<'a> {
     table: &'a CoefficientTable,
     output: &'a Output,
@@ -55,17 +54,37 @@ struct Regression<'a> {
     /// Independent regressors and output, about their means in the frequency domain.
     basis: DMatrix<f64>,
     y: DVector<f64>,
-    /// Those means.
-    origin: (DVector<f64>, f64),
+    dependence: Dependence,
+    /// Means of all regressors and the output; zero where they were not taken off.
+    x_means: DVector<f64>,
+    y_mean: f64,
     band: Band,
     lag: usize,
-    dependence: Dependence,
 }
 
-/// Estimates of the independent columns.
 struct Solved {
     values: DVector<f64>,
     errors: Coloured,
+}
+
+/// Estimates before the colour of the errors is allowed for.
+struct Fitted {
+    values: DVector<f64>,
+    covariance: DMatrix<f64>,
+    /// What multiplies the scores.
+    bread: DMatrix<f64>,
+    /// What rows were divided by.
+    std: DVector<f64>,
+}
+
+impl Fitted {
+    fn plain(fit: LeastSquares, std: DVector<f64>) -> Self {
+        Self { values: fit.values, covariance: fit.covariance, bread: fit.inverse_gram, std }
+    }
+
+    fn total(fit: TotalLeastSquares) -> Self {
+        Self { values: fit.values, covariance: fit.covariance, bread: fit.inverse_moment, std: fit.std }
+    }
 }
 
 impl<'a> Regression<'a> {
@@ -85,62 +104,64 @@ impl<'a> Regression<'a> {
             return Err(IdentifyError::TooFewInstants { found: rows.len(), parameters: count });
         }
         let (mut x, mut y) = (output.regressors_at(&rows), output.values_at(&rows));
-        let mut origin = (DVector::zeros(count), 0.0);
+        let (mut x_means, mut y_mean) = (DVector::zeros(count), 0.0);
         if estimator == Estimator::FrequencyDomain {
-            origin = (DVector::from_iterator(count, x.column_iter().map(|c| c.mean())), y.mean());
-            for (mut column, mean) in x.column_iter_mut().zip(&origin.0) {
+            (x_means, y_mean) = (x.row_mean().transpose(), y.mean());
+            for (mut column, mean) in x.column_iter_mut().zip(&x_means) {
                 // What is a constant leaves rounding, which is no signal.
-                if column.iter().all(|v| (v - mean).abs() <= 1e-12 * mean.abs()) {
-                    column.fill(0.0);
-                } else {
-                    column.add_scalar_mut(-mean);
-                }
+                let is_constant = column.iter().all(|v| (v - mean).abs() <= 1e-12 * mean.abs());
+                column.apply(|v| *v = if is_constant { 0.0 } else { *v - mean });
             }
-            y.add_scalar_mut(-origin.1);
+            y.add_scalar_mut(-y_mean);
         }
         let dependence = output.dependence(&x);
         if dependence.independent.is_empty() {
             return Err(IdentifyError::RankZero);
         }
         let length_s = rows.len() as f64 * table.sample_interval_s;
-        let nyquist_hz = 0.5 / table.sample_interval_s;
-        let band = options
-            .band
-            .unwrap_or(Band { low_hz: 1.0 / length_s, high_hz: output.bandwidth_hz.min(nyquist_hz) });
+        let high_hz = output.bandwidth_hz.min(0.5 / table.sample_interval_s);
+        let band = options.band.unwrap_or(Band { low_hz: 1.0 / length_s, high_hz });
         let lag = table.correlated_rows(output.bandwidth_hz, rows.len());
         let basis = x.select_columns(&dependence.independent);
-        Ok(Self { table, output, estimator, rows, held_out, basis, y, origin, band, lag, dependence })
+        Ok(Self {
+            table,
+            output,
+            estimator,
+            rows,
+            held_out,
+            basis,
+            y,
+            dependence,
+            x_means,
+            y_mean,
+            band,
+            lag,
+        })
     }
 
     fn fit(&self) -> Result<OutputFit, IdentifyError> {
         let (x, y, how) = (&self.basis, &self.y, Correlation::Rows(self.lag));
-        let plain = |fit: LeastSquares| (fit.values, fit.covariance, fit.inverse_gram);
-        let total = |fit: TotalLeastSquares| (fit.values, fit.covariance, fit.inverse_moment);
         let ones = DVector::from_element(y.len(), 1.0);
-        let ((values, covariance, bread), std) = match self.estimator {
-            Estimator::LeastSquares => (plain(least_squares(x, y, how)?), ones),
+        let fitted = match self.estimator {
+            Estimator::LeastSquares => Fitted::plain(least_squares(x, y, how)?, ones),
             Estimator::WeightedLeastSquares => {
                 let std = DVector::from_fn(y.len(), |k, _| self.output.std_at(self.rows[k]));
                 let std = if std.iter().all(|s| *s > 0.0) { std } else { ones };
-                (plain(weighted_least_squares(x, y, std.as_slice(), how)?), std)
+                Fitted::plain(weighted_least_squares(x, y, std.as_slice(), how)?, std)
             }
             Estimator::TotalLeastSquares => {
-                (total(total_least_squares(x, y, &self.mean_errors(), how)?), ones)
+                Fitted::total(total_least_squares(x, y, &self.mean_errors(), how)?)
             }
             Estimator::TotalLeastSquaresByRow => {
-                let fit = by_row(x, y, &|k| self.errors_of(self.rows[k]), how)?;
-                // Of output less fit, by the covariance of a row's errors.
-                let weights = fit.values.map(|v| -v).push(1.0);
-                let variance = |k: usize| weights.dot(&(self.errors_of(self.rows[k]) * &weights));
-                let std = DVector::from_fn(y.len(), |k, _| variance(k).sqrt());
-                (total(fit), std)
+                Fitted::total(by_row(x, y, &|k| self.errors_of(self.rows[k]), how)?)
             }
             Estimator::FrequencyDomain => return self.report(&self.in_frequency()?),
         };
-        let degrees = (x.nrows() - values.len()) as f64;
-        let known = self.colour(&values, &bread, &std);
-        let known = known.unwrap_or(Coloured { covariance, degrees });
-        self.report(&Solved { values, errors: known })
+        let errors = self.colour(&fitted).unwrap_or_else(|| Coloured {
+            degrees: (x.nrows() - fitted.values.len()) as f64,
+            covariance: fitted.covariance,
+        });
+        self.report(&Solved { values: fitted.values, errors })
     }
 
     /// Least squares in the band, then weighted by the variance that the errors' transforms have at those
@@ -156,13 +177,12 @@ impl<'a> Regression<'a> {
             row.add_scalar_mut(-row.mean());
         }
         let plain = least_squares(&x, &y, Correlation::White)?;
-        let degrees = x.nrows().saturating_sub(x.ncols()).max(1) as f64;
+        let degrees = (x.nrows() - x.ncols()) as f64;
         let errors = Coloured { covariance: plain.covariance, degrees };
         let mut solved = Solved { values: plain.values, errors };
         for _ in 0..STEPS {
-            // The covariance of the errors' transforms. A record that ends leaks what is strong at high
-            // frequencies into all low ones alike: errors of neighbours then go together, and real and
-            // imaginary parts differ.
+            // A record that ends leaks what is strong at high frequencies into all low ones alike: transforms'
+            // errors of neighbours then go together, and real and imaginary parts differ.
             let spread = &weights * self.errors_at(&solved.values).spread(&weights.transpose());
             if !spread.diagonal().iter().all(|d| *d > 0.0) {
                 break;
@@ -182,7 +202,8 @@ impl<'a> Regression<'a> {
     /// The covariance that the colour of the errors gives, where that is known; degrees of freedom are those
     /// of the residuals' level. Rows were divided by their standard deviations, and have the colour when they
     /// are.
-    fn colour(&self, values: &DVector<f64>, bread: &DMatrix<f64>, std: &DVector<f64>) -> Option<Coloured> {
+    fn colour(&self, fitted: &Fitted) -> Option<Coloured> {
+        let Fitted { values, bread, std, .. } = fitted;
         let mut errors = self.errors_at(values);
         let mean_square = std.norm_squared() / std.len() as f64;
         errors.gamma.iter_mut().for_each(|g| *g /= mean_square);
@@ -198,12 +219,11 @@ impl<'a> Regression<'a> {
     fn errors_of(&self, row: usize) -> DMatrix<f64> {
         let count = self.output.columns.len();
         let kept: Vec<usize> = self.dependence.independent.iter().copied().chain([count]).collect();
-        let all = &self.output.errors;
-        if row < all.len() && all.at(row, count, count) > 0.0 {
-            return all.block(row, &kept);
+        let mut errors = self.output.errors.covariance(row, &kept);
+        if errors[(kept.len() - 1, kept.len() - 1)] == 0.0 {
+            errors.fill(0.0);
+            errors[(kept.len() - 1, kept.len() - 1)] = 1.0;
         }
-        let mut errors = DMatrix::zeros(kept.len(), kept.len());
-        errors[(kept.len() - 1, kept.len() - 1)] = 1.0;
         errors
     }
 
@@ -220,8 +240,8 @@ impl<'a> Regression<'a> {
         for (column, value) in self.dependence.independent.iter().zip(&solved.values) {
             factors[*column] = *value;
         }
-        let at_origin: f64 = self.origin.0.iter().zip(&factors).map(|(x, f)| x * f).sum();
-        let line = Line { offset: self.origin.1 - at_origin, factors };
+        let at_means: f64 = self.x_means.iter().zip(&factors).map(|(x, f)| x * f).sum();
+        let line = Line { offset: self.y_mean - at_means, factors };
         let diagnostics = self.diagnostics(&solved.errors.covariance, &line)?;
         let mut fit = OutputFit {
             output: self.output.name.clone(),

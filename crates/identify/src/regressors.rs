@@ -4,7 +4,7 @@ use crate::coloured::coloured;
 use crate::inverse::log_determinant;
 use crate::lowpass::{lowpass_at, median};
 use crate::model::{Model, OutputModel, Scale, When};
-use crate::noise::{Bands, ErrorRows, Source, Term, Transfer};
+use crate::noise::{Bands, SignalErrors, Source, SourceVariance, Term, Transfer};
 use crate::signals::{Flight, Passed, Signal, scale_terms};
 use crate::table::{CoefficientTable, Column, Fixed, Output};
 use crate::{Correlation, IdentifyError, least_squares};
@@ -20,8 +20,7 @@ pub enum Bandwidth {
     /// least-squares covariance (D-optimal: Box & Lucas 1959). From a record of n = 2BT independent values a
     /// standard deviation is known to 1/√(2n), and what is within that is the simpler choice (Breiman,
     /// Friedman, Olshen & Stone 1984, section 3.4.3). The smoother's bandwidth suits positions; the noise of
-    /// accelerations grows with frequency to the fourth power, and so do what models neglect and what lies
-    /// between samples.
+    /// accelerations grows with frequency to the fourth power.
     #[default]
     Automatic,
     /// None.
@@ -33,9 +32,8 @@ pub enum Bandwidth {
 /// What a user may choose.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
-    /// Left out at either end, where a low-pass leans on one side only: half a second is one to two periods
-    /// of the cut-off frequencies that ordinary cameras allow. It is at least one period of the smoother's,
-    /// and a further low-pass is none of which it is less.
+    /// Left out at either end, where a low-pass leans on one side only; at least one period of the
+    /// smoother's, and of a further low-pass.
     pub margin_s: f64,
     /// Output equations; equation 3 where there are none.
     pub model: Option<Model>,
@@ -50,7 +48,6 @@ impl Default for Options {
 }
 
 impl Options {
-    /// The model, or equation 3.
     pub(crate) fn model(&self) -> Result<Model, IdentifyError> {
         self.model.clone().map_or_else(Model::equation_3, Ok)
     }
@@ -60,12 +57,9 @@ impl Options {
     /// # Errors
     /// Those of [`Model::equation_3`].
     pub fn by_equation(&self) -> Result<Vec<Self>, IdentifyError> {
-        let model = self.model()?;
-        let alone = |equation: &OutputModel| {
-            let model = Model { output: vec![equation.clone()], ..model.clone() };
-            Self { model: Some(model), ..self.clone() }
-        };
-        Ok(model.output.iter().map(alone).collect())
+        let Model { schema, name, output } = self.model()?;
+        let model = |equation| Model { schema, name: name.clone(), output: vec![equation] };
+        Ok(output.into_iter().map(|e| Self { model: Some(model(e)), ..self.clone() }).collect())
     }
 }
 
@@ -76,8 +70,7 @@ impl Options {
 /// with a the specific force and ω the mean rotor speed, C_m = I_yy q̇/(½ρπR⁵ω²) with the gyroscopic part of
 /// [`crate::Measured`]. Flapping angles are integrated from the smoothed rates and the recorded swash-plate
 /// (equation 2), from trim. All that stands in one equation has passed the same low-passes
-/// ([`mavsight_pose::lowpass_like`]): what comes from the motion those of the smoother, what comes from the
-/// inputs as well, and both that of [`Bandwidth`].
+/// ([`mavsight_pose::lowpass_like`]): the smoother's and that of [`Bandwidth`].
 ///
 /// Valid for flights that begin in trim, with flapping times that are known. Instants in a gap of the poses,
 /// where the smoother's variance of a velocity or rate is above nine times its median, or beside a gap in
@@ -92,18 +85,6 @@ pub fn coefficients(
     inputs: &InputSeries,
     vehicle: &Vehicle,
     options: &Options,
-) -> Result<CoefficientTable, IdentifyError> {
-    form(motion, inputs, vehicle, options, true)
-}
-
-/// [`coefficients`]; where they are not wanted, and the low-pass is given in hertz, without the errors of
-/// single rows.
-pub(crate) fn form(
-    motion: &Motion,
-    inputs: &InputSeries,
-    vehicle: &Vehicle,
-    options: &Options,
-    with_errors: bool,
 ) -> Result<CoefficientTable, IdentifyError> {
     let model = options.model()?;
     model.check_signals(inputs)?;
@@ -135,8 +116,7 @@ pub(crate) fn form(
                 let (what, must) = ("the bandwidth", "be above zero");
                 return Err(IdentifyError::BadSetting { what, value, must });
             }
-            Bandwidth::Hz(hz) if with_errors => draft.finish(&flight, &table.usable, Some(hz)),
-            Bandwidth::Hz(hz) => draft.passed(&flight, &table.usable, Some(hz)),
+            Bandwidth::Hz(hz) => draft.finish(&flight, &table.usable, Some(hz)),
             Bandwidth::Automatic => draft.best(&flight, &rows, &table),
         };
         table.outputs.push(output);
@@ -144,13 +124,11 @@ pub(crate) fn form(
     Ok(table)
 }
 
-/// Instants whose smoothed rates are not much worse than usual, and not within the margin of a gap in time: a
-/// low-pass leans on one side there as it does at the ends.
+/// Instants whose smoothed rates are not much worse than usual, and not within the margin of a gap in time.
 fn usable(flight: &Flight<'_>, margin_s: f64) -> Vec<bool> {
-    let rows = flight.t_s.len();
-    let mut out = vec![true; rows];
+    let mut out = vec![true; flight.t_s.len()];
     for source in Source::all() {
-        let variances: Vec<f64> = (0..rows).map(|i| flight.variance(source, i)).collect();
+        let variances = flight.variances(source);
         let median = median(variances.clone());
         for (usable, variance) in out.iter_mut().zip(&variances) {
             *usable &= median == 0.0 || *variance <= 9.0 * median;
@@ -196,9 +174,8 @@ impl Draft {
         let mut output = flight.measured(equation.measured, passed);
         if equation.scale == Scale::Rotor {
             let scale = flight.rotor_scale(equation.measured.axis().1, passed)?;
-            let inverse: Vec<f64> = scale.iter().map(|s| 1.0 / s).collect();
-            scale_terms(&mut output.terms, &inverse);
-            output.values.iter_mut().zip(&inverse).for_each(|(v, s)| *v *= s);
+            let inverse = scale.iter().map(|s| 1.0 / s).collect();
+            output.multiply(Signal { values: inverse, terms: Vec::new() });
         }
         let mut columns = Vec::new();
         let mut fixed = Vec::new();
@@ -222,56 +199,32 @@ impl Draft {
         Ok(Self { name: equation.name.clone(), output, columns, fixed, bands })
     }
 
-    /// The output behind one more low-pass, with the errors of its rows.
     fn finish(&self, flight: &Flight<'_>, usable: &[bool], extra_hz: Option<f64>) -> Output {
-        let mut out = self.passed(flight, usable, extra_hz);
-        let variance = |source, row| flight.variance(source, row);
-        out.errors = self.bands_behind(extra_hz).covariances(&self.terms(), flight.t_s.len(), &variance);
-        let errors = &out.errors;
-        let used = || (0..errors.len()).filter(|row| usable[*row]);
-        let mean =
-            |j: usize| used().map(|row| errors.at(row, j, j)).sum::<f64>() / used().count().max(1) as f64;
-        out.columns.iter_mut().enumerate().for_each(|(j, column)| column.std = mean(j).sqrt());
-        out
-    }
-
-    fn bands_behind(&self, extra_hz: Option<f64>) -> Bands {
-        let mut bands = self.bands.clone();
-        bands.passed_hz.extend(extra_hz);
-        bands
-    }
-
-    /// Those of the columns and, last, the output.
-    fn terms(&self) -> Vec<&[Term]> {
-        let columns = self.columns.iter().map(|(_, s)| s.terms.as_slice());
-        columns.chain([self.output.terms.as_slice()]).collect()
-    }
-
-    /// The output behind one more low-pass, of whose errors only the spectrum is known.
-    fn passed(&self, flight: &Flight<'_>, usable: &[bool], extra_hz: Option<f64>) -> Output {
         let pass = |values: &[f64]| match extra_hz {
             Some(hz) => lowpass_at(&flight.t_s, values, hz),
             None => values.to_vec(),
         };
-        let (bands, terms, rows) = (self.bands_behind(extra_hz), self.terms(), flight.t_s.len());
-        let mean_variance = |source: Source| {
-            let all = (0..rows).filter(|row| usable[*row]).map(|row| flight.variance(source, row));
-            median(all.collect())
-        };
-        let spectrum = bands.spectrum(&terms, &mean_variance);
-        let once = start_errors(flight, &terms);
-        let column = |(name, signal): &(String, Signal)| Column {
-            name: name.clone(),
-            values: pass(&signal.values),
-            std: 0.0,
+        let mut bands = self.bands.clone();
+        bands.passed_hz.extend(extra_hz);
+        let columns = self.columns.iter().map(|(_, s)| s.terms.as_slice());
+        let terms: Vec<&[Term]> = columns.chain([self.output.terms.as_slice()]).collect();
+        let used: Vec<usize> = (0..usable.len()).filter(|row| usable[*row]).collect();
+        let errors = SignalErrors::new(&bands, &terms, |source| {
+            let by_row = flight.variances(source);
+            let usual = median(used.iter().map(|row| by_row[*row]).collect());
+            SourceVariance { by_row, usual }
+        });
+        let column = |(j, (name, signal)): (usize, &(String, Signal))| {
+            let sum: f64 = used.iter().map(|row| errors.variance(*row, j)).sum();
+            let std = (sum / used.len().max(1) as f64).sqrt();
+            Column { name: name.clone(), values: pass(&signal.values), std }
         };
         Output {
             name: self.name.clone(),
             values: pass(&self.output.values),
-            columns: self.columns.iter().map(column).collect(),
-            errors: ErrorRows::default(),
-            spectrum,
-            once,
+            columns: self.columns.iter().enumerate().map(column).collect(),
+            once: start_errors(flight, &terms),
+            errors,
             fixed: self.fixed.clone(),
             bandwidth_hz: bands.passed_hz.iter().copied().fold(f64::INFINITY, f64::min),
         }
@@ -280,10 +233,8 @@ impl Draft {
     /// The output behind the low-pass of [`Bandwidth::Automatic`]: of steps of a fourth of an octave, down to
     /// where the window's margin is one period.
     fn best(&self, flight: &Flight<'_>, rows: &[usize], table: &CoefficientTable) -> Output {
-        let margin_s = table.window_s.0 - table.t_s[0];
-        let lowest_hz = 1.0 / margin_s;
-        let mut whole = self.finish(flight, &table.usable, None);
-        whole.errors = ErrorRows::default();
+        let lowest_hz = 1.0 / (table.window_s.0 - table.t_s[0]);
+        let whole = self.finish(flight, &table.usable, None);
         let independent = whole.dependence(&whole.regressors_at(rows)).independent;
         let measure =
             |output: &Output| log_variance(output, &independent, rows, table).unwrap_or(f64::INFINITY);
@@ -295,7 +246,7 @@ impl Draft {
         let mut hz = widest_hz.min(0.5 / table.sample_interval_s);
         while hz >= lowest_hz {
             candidates_hz.push(Some(hz));
-            measures.push(measure(&self.passed(flight, &table.usable, Some(hz))));
+            measures.push(measure(&self.finish(flight, &table.usable, Some(hz))));
             hz *= 0.5_f64.powf(0.25);
         }
         let least = measures.iter().copied().fold(f64::INFINITY, f64::min);
@@ -311,15 +262,15 @@ impl Draft {
 /// with the disc's time.
 fn start_errors(flight: &Flight<'_>, signals: &[&[Term]]) -> Vec<DMatrix<f64>> {
     let mut out = Vec::new();
+    let slowest_s = signals.iter().flat_map(|terms| terms.iter()).filter_map(|t| match t.transfer {
+        Transfer::Washout { time_s } => Some(time_s),
+        Transfer::Derivative(_) => None,
+    });
+    // Behind so many times of the slowest disc less than 1e-13 of it is left.
+    let gone_s = flight.t_s[0] + 30.0 * slowest_s.fold(0.0, f64::max);
+    let rows = flight.t_s.partition_point(|t_s| *t_s <= gone_s);
     for axis in 0..3 {
         let std_rad = flight.start_turn_std_rad(axis);
-        // Behind so many times of the slowest disc less than 1e-13 of it is left.
-        let slowest_s = signals.iter().flat_map(|terms| terms.iter()).filter_map(|t| match t.transfer {
-            Transfer::Washout { time_s } => Some(time_s),
-            Transfer::Derivative(_) => None,
-        });
-        let gone_s = flight.t_s.first().copied().unwrap_or(0.0) + 30.0 * slowest_s.fold(0.0, f64::max);
-        let rows = flight.t_s.partition_point(|t_s| *t_s <= gone_s);
         let mut effect = DMatrix::zeros(rows, signals.len());
         for (j, terms) in signals.iter().enumerate() {
             for term in terms.iter().filter(|t| t.source == Source::Turn(axis)) {

@@ -9,7 +9,6 @@ use mavsight_flight::{InputSample, InputSeries, Vehicle, force_per_speed2, thrus
 use mavsight_geometry::Vector3;
 use mavsight_pose::{Motion, MotionSample, lowpass_like};
 
-/// Values at the motion's times, and how errors reach them.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Signal {
     pub(crate) values: Vec<f64>,
@@ -17,7 +16,7 @@ pub(crate) struct Signal {
 }
 
 impl Signal {
-    fn multiply(&mut self, mut factor: Self) {
+    pub(crate) fn multiply(&mut self, mut factor: Self) {
         scale_terms(&mut self.terms, &factor.values);
         scale_terms(&mut factor.terms, &self.values);
         self.terms.extend(factor.terms);
@@ -87,7 +86,6 @@ impl Factor {
     }
 }
 
-/// One flight's motion and inputs.
 pub(crate) struct Flight<'a> {
     pub(crate) t_s: Vec<f64>,
     pub(crate) motion: &'a Motion,
@@ -120,17 +118,17 @@ impl<'a> Flight<'a> {
         self.inputs.samples().iter().map(value).collect()
     }
 
-    /// The variance at a row of a source's errors that change: by the smoother's variance of its rate, of
+    /// The variance at each row of a source's errors that change: by the smoother's variance of its rate, of
     /// which white errors behind H = 1/(1 + (f/fc)⁶) have (2π fc)²/2 times their own. Systematic errors, such
     /// as a camera's, are no part of it.
-    pub(crate) fn variance(&self, source: Source, row: usize) -> f64 {
-        let covariance = &self.motion.samples[row].covariance;
-        let (rate_variance, hz) = match source {
-            Source::Position(axis) => (covariance.variance(6 + axis), self.motion.translation_bandwidth_hz),
-            Source::Turn(axis) => (covariance.variance(9 + axis), self.motion.rotation_bandwidth_hz),
+    pub(crate) fn variances(&self, source: Source) -> Vec<f64> {
+        let (place, hz) = match source {
+            Source::Position(axis) => (6 + axis, self.motion.translation_bandwidth_hz),
+            Source::Turn(axis) => (9 + axis, self.motion.rotation_bandwidth_hz),
         };
-        let variance = 2.0 * rate_variance / (2.0 * std::f64::consts::PI * hz).powi(2);
-        if variance.is_finite() { variance.max(0.0) } else { 0.0 }
+        let per_rate = 2.0 / (2.0 * std::f64::consts::PI * hz).powi(2);
+        let variances = self.of(|s| per_rate * s.covariance.variance(place));
+        variances.into_iter().map(|v| if v.is_finite() { v.max(0.0) } else { 0.0 }).collect()
     }
 
     /// Intervals between times over which the motion cannot be read.
@@ -142,11 +140,9 @@ impl<'a> Flight<'a> {
     /// The standard deviation of the turn about a body axis at the first time, without systematic errors:
     /// those are what the variances of all times have beyond [`Flight::variance`].
     pub(crate) fn start_turn_std_rad(&self, axis: usize) -> f64 {
-        let samples = &self.motion.samples;
-        let turn = |row: usize| samples[row].covariance.variance(3 + axis);
-        let beyond = (0..samples.len()).map(|row| turn(row) - self.variance(Source::Turn(axis), row));
-        let systematic = median(beyond.collect()).max(0.0);
-        (turn(0) - systematic).max(0.0).sqrt()
+        let turns = self.of(|s| s.covariance.variance(3 + axis));
+        let beyond = turns.iter().zip(self.variances(Source::Turn(axis))).map(|(all, own)| all - own);
+        (turns[0] - median(beyond.collect()).max(0.0)).max(0.0).sqrt()
     }
 
     /// What is measured, newtons or newton metres.
@@ -182,9 +178,8 @@ impl<'a> Flight<'a> {
         Signal { values: self.pass_rest(values, own, passed), terms }
     }
 
-    /// The force is the sum of two larger terms, the acceleration, which has passed the smoother's low-pass
-    /// of translation, and the weight's part along the axis, which has passed that of rotation: both pass
-    /// both.
+    /// The force is the sum of the acceleration, which has passed the smoother's low-pass of translation, and
+    /// the weight's part along the axis, which has passed that of rotation: both pass both.
     fn force(&self, axis: usize, passed: Passed) -> Signal {
         let (next, last) = ((axis + 1) % 3, (axis + 2) % 3);
         let weight_n = self.vehicle.mass_kg * self.vehicle.environment.gravity_m_s2;
@@ -296,21 +291,16 @@ impl<'a> Flight<'a> {
         let per_square = force_per_speed2(self.vehicle) * if is_moment { radius_m } else { 1.0 };
         let square = self.of_inputs(|s| (0.5 * (s.omega_u_rad_s + s.omega_l_rad_s)).powi(2));
         let square = self.onto_frames(&square, Between::Hold, passed)?;
-        for (t_s, square) in self.t_s.iter().zip(&square) {
-            let omega_rad_s = square.max(0.0).sqrt();
-            if omega_rad_s < 1.0 {
-                return Err(IdentifyError::RotorsStopped { t_s: *t_s, omega_rad_s });
-            }
+        if let Some(k) = square.iter().position(|s| *s < 1.0) {
+            let omega_rad_s = square[k].max(0.0).sqrt();
+            return Err(IdentifyError::RotorsStopped { t_s: self.t_s[k], omega_rad_s });
         }
         Ok(square.iter().map(|s| per_square * s).collect())
     }
 
     pub(crate) fn bandwidths_hz(&self, passed: Passed) -> impl Iterator<Item = f64> {
-        let all = [
-            (passed.translation, self.motion.translation_bandwidth_hz),
-            (passed.rotation, self.motion.rotation_bandwidth_hz),
-        ];
-        all.into_iter().filter(|(wanted, _)| *wanted).map(|(_, hz)| hz)
+        let translation = passed.translation.then_some(self.motion.translation_bandwidth_hz);
+        translation.into_iter().chain(passed.rotation.then_some(self.motion.rotation_bandwidth_hz))
     }
 
     /// Passes the low-passes of `passed` that are not in `own`.
@@ -323,9 +313,7 @@ impl<'a> Flight<'a> {
     }
 
     /// A series on the inputs' times, low-passed on a regular grid of their mean interval and read off at the
-    /// frames.
-    ///
-    /// Of a series that holds a grid point gets its mean over the grid's interval around it.
+    /// frames; of a series that holds a grid point gets the mean over the interval around it.
     fn onto_frames(
         &self,
         series: &[f64],
@@ -353,7 +341,6 @@ fn term(source: Source, transfer: Transfer, gains: Vec<f64>) -> Term {
     Term { source, transfer, gains }
 }
 
-/// Multiplies every gain by a value of its row.
 pub(crate) fn scale_terms(terms: &mut [Term], by: &[f64]) {
     for term in terms {
         for (gain, by) in term.gains.iter_mut().zip(by) {

@@ -5,7 +5,7 @@ use crate::diagnostics::press;
 use crate::{CoefficientTable, IdentifyError};
 use nalgebra::{DMatrix, DVector};
 
-/// Changes at most, counted per candidate: additions and removals cannot cycle, since each lowers PRESS.
+/// Changes at most, counted per candidate: they cannot cycle, since each lowers PRESS.
 const STEPS_PER_CANDIDATE: usize = 4;
 
 /// The regressors that were chosen, and how the choice went.
@@ -13,11 +13,22 @@ const STEPS_PER_CANDIDATE: usize = 4;
 pub struct Structure {
     /// Columns, in their order.
     pub chosen: Vec<usize>,
-    /// Each change and the PRESS that it left; `true` for an addition.
-    pub steps: Vec<(usize, bool, f64)>,
+    /// Each change.
+    pub steps: Vec<StructureStep>,
     /// Predicted R²: one less PRESS over the sum of squares about the mean (Morelli & Klein 2016, section
     /// 5.4).
     pub predicted_r2: f64,
+}
+
+/// One addition or removal of a column.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StructureStep {
+    /// The column.
+    pub column: usize,
+    /// Whether it was added.
+    pub is_addition: bool,
+    /// PRESS behind the change.
+    pub press: f64,
 }
 
 /// Chooses regressors step by step: the addition or removal that lowers [`press()`] most, until none does.
@@ -56,24 +67,25 @@ pub fn stepwise(
     let mut best = left(&chosen)?;
     let mut steps = Vec::new();
     for _ in 0..STEPS_PER_CANDIDATE * count {
-        let mut change: Option<(usize, Vec<usize>, f64)> = None;
-        for j in (0..count).filter(|j| !always.contains(j)) {
+        let mut change: Option<(StructureStep, Vec<usize>)> = None;
+        for column in (0..count).filter(|j| !always.contains(j)) {
             let mut columns = chosen.clone();
-            match columns.binary_search(&j) {
+            match columns.binary_search(&column) {
                 Ok(at) => drop(columns.remove(at)),
-                Err(at) => columns.insert(at, j),
+                Err(at) => columns.insert(at, column),
             }
-            if columns.len() > chosen.len() && rank(&columns) < columns.len() {
+            let is_addition = columns.len() > chosen.len();
+            if is_addition && rank(&columns) < columns.len() {
                 continue;
             }
-            let value = left(&columns)?;
-            if value < change.as_ref().map_or(best, |c| c.2) {
-                change = Some((j, columns, value));
+            let press = left(&columns)?;
+            if press < change.as_ref().map_or(best, |(step, _)| step.press) {
+                change = Some((StructureStep { column, is_addition, press }, columns));
             }
         }
-        let Some((j, columns, value)) = change else { break };
-        steps.push((j, columns.len() > chosen.len(), value));
-        (chosen, best) = (columns, value);
+        let Some((step, columns)) = change else { break };
+        (chosen, best) = (columns, step.press);
+        steps.push(step);
     }
     if chosen.is_empty() {
         return Err(IdentifyError::RankZero);
@@ -110,41 +122,38 @@ pub fn choose_structure(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::normal;
+    use mavsight_random::Random;
 
     #[test]
     fn finds_what_made_the_output() {
-        let (rows, mut seed) = (200, 6);
+        let (rows, mut random) = (200, Random::new(7, 0));
         let x = DMatrix::from_fn(rows, 8, |i, j| {
-            if j == 0 { 1.0 } else { (0.03 * (j * j + 2) as f64 * i as f64).sin() + 0.2 * normal(&mut seed) }
+            if j == 0 { 1.0 } else { (0.03 * (j * j + 2) as f64 * i as f64).sin() + 0.2 * random.normal() }
         });
         let y =
-            DVector::from_fn(rows, |i, _| 3.0 + 1.5 * x[(i, 2)] - 0.7 * x[(i, 5)] + 0.1 * normal(&mut seed));
+            DVector::from_fn(rows, |i, _| 3.0 + 1.5 * x[(i, 2)] - 0.7 * x[(i, 5)] + 0.1 * random.normal());
         let found = stepwise(&x, &y, &[0], 1).expect("a structure");
         for j in [0, 2, 5] {
             assert!(found.chosen.contains(&j), "{:?}", found.chosen);
         }
         assert!(found.chosen.len() <= 5, "{:?}", found.chosen);
         assert!(found.predicted_r2 > 0.98 && found.predicted_r2 < 1.0, "{}", found.predicted_r2);
-        assert!(found.steps.windows(2).all(|s| s[1].2 < s[0].2), "each step lowers PRESS");
-        assert_eq!((found.steps[0].0, found.steps[1].0), (2, 5));
+        assert!(found.steps.windows(2).all(|s| s[1].press < s[0].press), "each step lowers PRESS");
+        assert_eq!((found.steps[0].column, found.steps[1].column), (2, 5));
     }
 
     #[test]
     fn a_first_choice_that_others_replace_is_taken_back() {
         // The sum of two regressors, noisy, is the best single one and idle beside both.
-        let (rows, mut seed) = (300, 8);
-        let mut x = DMatrix::from_fn(rows, 3, |_, _| normal(&mut seed));
+        let (rows, mut random) = (300, Random::new(8, 0));
+        let mut x = DMatrix::from_fn(rows, 3, |_, _| random.normal());
         for i in 0..rows {
-            x[(i, 2)] = x[(i, 0)] + x[(i, 1)] + 0.5 * normal(&mut seed);
+            x[(i, 2)] = x[(i, 0)] + x[(i, 1)] + 0.5 * random.normal();
         }
-        let y = DVector::from_fn(rows, |i, _| x[(i, 0)] + x[(i, 1)] + 0.01 * normal(&mut seed));
+        let y = DVector::from_fn(rows, |i, _| x[(i, 0)] + x[(i, 1)] + 0.01 * random.normal());
         let found = stepwise(&x, &y, &[], 1).expect("a structure");
-        assert_eq!(found.steps[0].0, 2);
-        assert!(
-            found.steps.contains(&(2, false, found.steps.last().expect("steps").2))
-                || !found.chosen.contains(&2)
-        );
+        assert_eq!(found.steps[0].column, 2);
+        assert!(!found.chosen.contains(&2));
     }
 
     #[test]

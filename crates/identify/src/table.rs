@@ -2,7 +2,7 @@
 
 use crate::coloured::ResidualErrors;
 use crate::dependence::{Dependence, independent_columns};
-use crate::noise::{ErrorRows, ErrorSpectrum};
+use crate::noise::SignalErrors;
 use nalgebra::{DMatrix, DVector};
 
 /// One regressor over time.
@@ -34,13 +34,10 @@ pub struct Output {
     pub values: Vec<f64>,
     /// Regressors.
     pub columns: Vec<Column>,
-    /// Covariance of the errors of the regressors and, last, of the output, at each time.
-    pub errors: ErrorRows,
-    /// Spectrum of those errors.
-    pub spectrum: ErrorSpectrum,
-    /// Errors that happen once, since flapping is integrated from a turn that errs where the flight begins:
-    /// for each, what one standard deviation of it does to the regressors and, last, the output, at the times
-    /// until it has died away.
+    /// Errors of the regressors and, last, of the output.
+    pub errors: SignalErrors,
+    /// Errors that happen once, of the turn from which flapping is integrated: for each, what one standard
+    /// deviation of it does to the regressors and, last, the output, at the times until it has died away.
     pub once: Vec<DMatrix<f64>>,
     /// Coefficients that the model fixes; their part is taken off the values.
     pub fixed: Vec<Fixed>,
@@ -49,34 +46,29 @@ pub struct Output {
 }
 
 impl Output {
-    /// This output with some of the regressors.
     pub(crate) fn with_columns(&self, chosen: &[usize]) -> Self {
         let kept: Vec<usize> = chosen.iter().copied().chain([self.columns.len()]).collect();
         Self {
             columns: chosen.iter().map(|j| self.columns[*j].clone()).collect(),
             errors: self.errors.of_signals(&kept),
             once: self.once.iter().map(|e| e.select_columns(&kept)).collect(),
-            spectrum: self.spectrum.of_signals(&kept),
             ..self.clone()
         }
     }
 
-    /// Some of the regressors at some rows.
     pub(crate) fn columns_at(&self, chosen: &[usize], rows: &[usize]) -> DMatrix<f64> {
         DMatrix::from_fn(rows.len(), chosen.len(), |i, j| self.columns[chosen[j]].values[rows[i]])
     }
 
-    /// All regressors at some rows.
     pub(crate) fn regressors_at(&self, rows: &[usize]) -> DMatrix<f64> {
-        DMatrix::from_fn(rows.len(), self.columns.len(), |i, j| self.columns[j].values[rows[i]])
+        self.columns_at(&(0..self.columns.len()).collect::<Vec<_>>(), rows)
     }
 
     /// Standard deviation of the error of the value at a row.
     pub(crate) fn std_at(&self, row: usize) -> f64 {
-        self.errors.at(row, self.columns.len(), self.columns.len()).sqrt()
+        self.errors.variance(row, self.columns.len()).sqrt()
     }
 
-    /// The values at some rows.
     pub(crate) fn values_at(&self, rows: &[usize]) -> DVector<f64> {
         DVector::from_fn(rows.len(), |i, _| self.values[rows[i]])
     }
@@ -130,8 +122,7 @@ impl CoefficientTable {
     }
 
     /// What is known of the errors of the residuals of a fit of some columns at some rows: autocovariances
-    /// over eight periods of the low-pass, after which what is left is below a thousandth, all zero where the
-    /// errors are not known.
+    /// over eight periods of the low-pass, behind which less than a thousandth is left.
     pub(crate) fn residual_errors(
         &self,
         output: &Output,
@@ -150,7 +141,7 @@ impl CoefficientTable {
             DVector::from_fn(rows.len(), |k, _| effect.get(rows[k]).copied().unwrap_or(0.0))
         };
         ResidualErrors {
-            gamma: output.spectrum.autocovariances(&weights, self.sample_interval_s, lags),
+            gamma: output.errors.autocovariances(&weights, self.sample_interval_s, lags),
             once: output.once.iter().map(effect).collect(),
         }
     }

@@ -1,16 +1,6 @@
-//! Random numbers and shared problems for tests.
+//! A problem that several tests share.
 
 use nalgebra::{DMatrix, DVector};
-
-/// A standard normal number (Box & Muller 1958) from a linear congruential generator (Knuth's MMIX
-/// constants).
-pub(crate) fn normal(state: &mut u64) -> f64 {
-    let mut uniform = || {
-        *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        ((*state >> 11) as f64 + 0.5) / (1_u64 << 53) as f64
-    };
-    (-2.0 * uniform().ln()).sqrt() * (2.0 * std::f64::consts::PI * uniform()).cos()
-}
 
 /// Twelve rows of a column of ones and two noisy columns, and their output: the problem that scipy.odr has
 /// solved.

@@ -1,6 +1,6 @@
 //! Identifiability in words.
 
-use crate::dependence::Dependence;
+use crate::dependence::{Dependence, DependentColumn};
 use crate::fit::{Estimator, OutputFit, Parameter};
 use crate::model::factors;
 use crate::table::Output;
@@ -13,22 +13,21 @@ const ENTANGLED: f64 = 30.0;
 pub(crate) fn combination(output: &Output, dependence: &Dependence, position: usize) -> String {
     let own = &output.columns[dependence.independent[position]].name;
     let mut text = format!("{},{own}", output.name);
-    for (column, factors) in &dependence.dependent {
-        let factor = factors[position];
+    for dependent in &dependence.dependent {
+        let factor = dependent.factors[position];
         if factor != 0.0 {
-            let sign = if factor < 0.0 { '-' } else { '+' };
-            text += &format!(" {sign} {:.4}·{},{}", factor.abs(), output.name, output.columns[*column].name);
+            let (sign, name) = (if factor < 0.0 { '-' } else { '+' }, &output.columns[dependent.column].name);
+            text += &format!(" {sign} {:.4}·{},{name}", factor.abs(), output.name);
         }
     }
     text
 }
 
-/// The verdict on one output.
 pub(crate) fn words(output: &Output, dependence: &Dependence, fit: &OutputFit) -> String {
     let mut text = determined(output, fit);
     // The frequency domain leaves constants out on purpose.
     if fit.estimator != Estimator::FrequencyDomain && !dependence.dependent.is_empty() {
-        let name = |(j, _): &(usize, Vec<f64>)| output.columns[*j].name.as_str();
+        let name = |d: &DependentColumn| output.columns[d.column].name.as_str();
         let idle: Vec<&str> = dependence.dependent.iter().map(name).collect();
         let (it, itself) = if idle.len() == 1 { ("it", "itself") } else { ("them", "themselves") };
         text += &format!(

@@ -14,7 +14,7 @@ use mavsight::pipeline::{
     CameraFeed, CentreQuality, ControlPointRow, ControlStill, NoProgress, PipelineError, TimedFrame,
     body_markers, calibrate_from_stills, track,
 };
-use mavsight::plan::{CentreStd, EXAMPLE, Placed, Planner, Room as RoomFile};
+use mavsight::plan::{CameraPair, CentreStd, EXAMPLE, Placed, Planner, Room as RoomFile};
 use mavsight::pose::{
     CameraControl, MarkerObservation, PoseEstimator, PredictedObservation, Rig, predict_calibration,
 };
@@ -297,11 +297,11 @@ fn rigs() -> Outcome<Vec<(String, Planner, Vec<Placed>)>> {
     let mut out: Vec<(String, Planner, Vec<Placed>)> = Vec::new();
     for angle in [90.0, 50.0, 70.0, 110.0, 130.0] {
         let p = planner(None)?;
-        let placed = p.pair(0, angle, DISTANCE_M).to_vec();
+        let placed = p.pair(0, CameraPair { angle_deg: angle, distance_m: DISTANCE_M }).to_vec();
         out.push((format!("{angle:.0} degrees"), p, placed));
     }
     let three = planner(None)?;
-    let mut placed = three.pair(0, 90.0, DISTANCE_M).to_vec();
+    let mut placed = three.pair(0, CameraPair { angle_deg: 90.0, distance_m: DISTANCE_M }).to_vec();
     // By the wall to the left, high, as far away as the others: from there, too, a calibration has the
     // whole control frame.
     placed.push(Placed { centre_m: Vector3::new(-4.6, 1.6, 2.2), ..placed[0] });

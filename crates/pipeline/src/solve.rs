@@ -5,7 +5,7 @@ use crate::{PipelineError, Progress, Stage};
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_identify::output_error::fitted_stretch_s;
 use mavsight_identify::{
-    Clocks, CoefficientTable, ErrorRows, FitOptions, Identification, IdentifyError, Options,
+    Clocks, CoefficientTable, FitOptions, Identification, IdentifyError, Options, SignalErrors,
     choose_structure, coefficients, delayed, estimate_lag, identify_with,
 };
 use mavsight_pose::{Motion, PoseSample, smooth, smooth_with_effects};
@@ -135,7 +135,7 @@ pub fn identify_motion(
         }
         identification.fits.extend(identify_with(&table, &options.fit)?.fits);
         for output in &mut table.outputs {
-            (output.errors, output.once) = (ErrorRows::default(), Vec::new());
+            (output.errors, output.once) = (SignalErrors::default(), Vec::new());
         }
         match &mut whole {
             Some(all) => {

@@ -1,7 +1,7 @@
 //! Prediction of the measurements of a planned rig.
 
 use crate::{CameraType, Criterion, PlanError, Room};
-use mavsight_geometry::{Camera, ControlPoint, Isometry3, Matrix2, Matrix6, Point3, Vector3};
+use mavsight_geometry::{Camera, ControlPoint, Intrinsics, Isometry3, Matrix2, Matrix6, Point3, Vector3};
 use mavsight_pipeline::ControlPointRow;
 use mavsight_pose::{
     BodyMarker, CameraControl, CameraModel, PoseError, PoseEstimate, PoseEstimator, PredictedObservation,
@@ -182,9 +182,10 @@ impl Planner {
     /// The camera of a placement.
     pub fn camera(&self, placed: &Placed) -> Camera {
         let kind = &self.room.camera[placed.kind];
-        let (lens, distortion) = kind.lens();
-        let camera = Camera::looking_at(placed.centre_m, placed.aim_m, lens, kind.size());
-        Camera { distortion, ..camera }
+        let lens = Intrinsics::from_horizontal_fov(kind.size(), kind.horizontal_fov_deg.to_radians());
+        let mut camera = Camera::looking_at(placed.centre_m, placed.aim_m, lens, kind.size());
+        (camera.distortion.k1, camera.distortion.k2) = (kind.k1, kind.k2);
+        camera
     }
 
     /// The rig as it will be calibrated, with its uncertainty.
@@ -270,7 +271,6 @@ impl Planner {
         Ok(out)
     }
 
-    /// What the cameras see of the markers at a pose.
     fn view(&self, placed: &[Placed], cameras: &[Camera], pose: &Isometry3<f64>) -> View {
         let mut out = View { is_seen_twice: true, least_diameter_px: f64::INFINITY, ..View::default() };
         for (marker, ball) in self.markers.iter().enumerate() {
@@ -297,9 +297,8 @@ impl Planner {
     pub fn predict(&self, placed: &[Placed], poses: &[Isometry3<f64>]) -> Prediction {
         let cameras: Vec<Camera> = placed.iter().map(|p| self.camera(p)).collect();
         let estimator = self.rig(placed).and_then(|rig| self.estimator(&rig));
-        let (mut all, mut worst, mut sum) = (Vec::new(), (0.0, PosePrecision::default()), 0.0);
+        let (mut all, mut places) = (Vec::new(), Vec::new());
         let (mut seen, mut limits, mut least_diameter_px) = (0, [0; 4], f64::INFINITY);
-        let mut worst_at_m = self.room.middle_m();
         for pose in poses {
             let view = self.view(placed, &cameras, pose);
             view.limits.iter().for_each(|limit| limits[*limit as usize] += 1);
@@ -307,23 +306,20 @@ impl Planner {
             seen += usize::from(view.is_seen_twice);
             let Some(estimator) = estimator.as_ref().ok().filter(|_| view.is_seen_twice) else { continue };
             let Ok(estimate) = estimator.predict(pose, &view.observations) else { continue };
-            let one = PosePrecision::of(&estimate);
-            let figure = self.figure(&one);
-            if figure > worst.0 {
-                (worst, worst_at_m) = ((figure, one), pose.translation.vector);
-            }
-            sum += figure;
-            all.push(one);
+            all.push(PosePrecision::of(&estimate));
+            places.push(pose.translation.vector);
         }
+        let figures: Vec<f64> = all.iter().map(|one| self.figure(one)).collect();
+        let worst = (0..all.len()).max_by(|a, b| figures[*a].total_cmp(&figures[*b]));
         let vague = || "the poses are not determined".to_owned();
         Prediction {
             figure: match self.room.weights.criterion {
-                Criterion::Mean => sum / all.len().max(1) as f64,
-                Criterion::Worst => worst.0,
+                Criterion::Mean => figures.iter().sum::<f64>() / all.len().max(1) as f64,
+                Criterion::Worst => worst.map_or(0.0, |k| figures[k]),
             },
             mean: PosePrecision::mean(&all),
-            worst: worst.1,
-            worst_at_m: worst_at_m.into(),
+            worst: worst.map_or_else(PosePrecision::default, |k| all[k]),
+            worst_at_m: worst.map_or_else(|| self.room.middle_m(), |k| places[k]).into(),
             share_seen: seen as f64 / poses.len().max(1) as f64,
             limit: ViewLimit::ALL
                 .into_iter()
@@ -359,12 +355,9 @@ impl Planner {
     pub fn position_std_mm(&self, placed: &[Placed], rig: &Rig, place_m: &Vector3<f64>) -> Option<f64> {
         let cameras: Vec<Camera> = placed.iter().map(|p| self.camera(p)).collect();
         let estimator = self.estimator(rig).ok()?;
-        let (mut sum, mut n) = (0.0, 0.0);
-        for pose in self.room.poses_at(place_m) {
-            let estimate = self.expected_pose(placed, &cameras, &estimator, &pose)?;
-            sum += PosePrecision::of(&estimate).position_std_mm;
-            n += 1.0;
-        }
-        (n > 0.0).then(|| sum / n)
+        let one = |pose| self.expected_pose(placed, &cameras, &estimator, &pose);
+        let all = self.room.poses_at(place_m).map(|pose| Some(PosePrecision::of(&one(pose)?)));
+        let all = all.collect::<Option<Vec<_>>>().filter(|all| !all.is_empty())?;
+        Some(PosePrecision::mean(&all).position_std_mm)
     }
 }

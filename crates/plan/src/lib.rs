@@ -23,4 +23,4 @@ pub use multisine::{MultisineOptions, Optimality};
 pub use room::{CameraType, ControlSection, Criterion, EXAMPLE, ROOM_SCHEMA, Room, VolumeSection, Weights};
 pub use search::{Ranked, SearchOptions};
 pub use solid::Solid;
-pub use study::StudyRow;
+pub use study::{CameraPair, StudyRow};

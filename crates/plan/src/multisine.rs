@@ -33,7 +33,6 @@ pub struct MultisineOptions {
     pub seed: u64,
 }
 
-/// Flights a round.
 const OFFSPRING: usize = 6;
 /// First step, of the length of all amplitudes; a success lengthens it and a failure shortens it so that one
 /// in five succeeds (Rechenberg 1973; Kern et al. 2004).
@@ -61,12 +60,9 @@ impl FlightPlanner<'_> {
         let mut random = Random::new(options.seed, 0);
         let mut parent: Vec<f64> =
             (0..n).flat_map(|k| schroeder(k % options.harmonics.len(), options)).collect();
-        let (mut best, first) = match self.of(base, options, &parent) {
-            Ok(plan) => (self.cost(&plan, options), Some(plan)),
-            Err(_) => (f64::INFINITY, None),
-        };
-        let (mut plan, mut step) = (first, FIRST_STEP);
-        let mut refused = None;
+        let mut plan = self.of(base, options, &parent).ok();
+        let mut best = plan.as_ref().map_or(f64::INFINITY, |plan| self.cost(plan, options));
+        let (mut step, mut refused) = (FIRST_STEP, None);
         for _ in 0..options.generations {
             let length = parent.iter().map(|x| x * x).sum::<f64>().sqrt() / (2.0 * n as f64).sqrt();
             let children: Vec<Vec<f64>> = (0..OFFSPRING)

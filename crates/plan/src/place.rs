@@ -14,7 +14,6 @@ impl Room {
         inner(&self.room).contains(place_m) && within && !barred
     }
 
-    /// Boxes in which cameras may stand.
     fn stands(&self) -> Vec<Solid> {
         if self.stand.is_empty() { vec![inner(&self.room)] } else { self.stand.clone() }
     }

@@ -1,9 +1,7 @@
 //! The room file: room, cameras, their places, and the weights of the plan.
 
 use crate::{CentreNoise, CentreStd, PlanError, Solid};
-use mavsight_geometry::{
-    BrownConrady, EulerAngles, ImageSize, Intrinsics, Isometry3, Vector3, world_from_body,
-};
+use mavsight_geometry::{EulerAngles, ImageSize, Isometry3, Vector3, world_from_body};
 use mavsight_pose::{CameraModel, Lens, Pixels};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -166,12 +164,6 @@ impl CameraType {
     /// Image size.
     pub fn size(&self) -> ImageSize {
         ImageSize { width_px: self.width_px, height_px: self.height_px }
-    }
-
-    /// Intrinsics and distortion.
-    pub fn lens(&self) -> (Intrinsics, BrownConrady) {
-        let intrinsics = Intrinsics::from_horizontal_fov(self.size(), self.horizontal_fov_deg.to_radians());
-        (intrinsics, BrownConrady { k1: self.k1, k2: self.k2, ..Default::default() })
     }
 
     /// The camera model that a calibration will choose.

@@ -44,7 +44,6 @@ const LAST_STEP_M: f64 = 0.02;
 /// Placements whose cameras are all nearer to each other than this are one.
 const SAME_M: f64 = 0.25;
 
-/// State of a search.
 struct Search<'a> {
     planner: &'a Planner,
     poses: Vec<Isometry3<f64>>,
@@ -52,7 +51,10 @@ struct Search<'a> {
     options: SearchOptions,
 }
 
-type Costed = (f64, Vec<Placed>);
+struct Costed {
+    cost: f64,
+    placed: Vec<Placed>,
+}
 
 impl Planner {
     /// The best placements of all cameras of the room, best first: at most `options.best`, all of which meet
@@ -75,9 +77,9 @@ impl Planner {
         let search = Search { planner: self, poses, places, options: *options };
         let starts = search.pairs(&kinds);
         let mut found: Vec<Costed> = starts.into_par_iter().map(|s| search.developed(s, &kinds)).collect();
-        found.sort_by(|a, b| a.0.total_cmp(&b.0));
+        found.sort_by(|a, b| a.cost.total_cmp(&b.cost));
         let mut unlike: Vec<Vec<Placed>> = Vec::new();
-        for (_, placed) in found {
+        for Costed { placed, .. } in found {
             if !unlike.iter().any(|known| is_same(known, &placed)) {
                 unlike.push(placed);
             }
@@ -113,8 +115,8 @@ impl Search<'_> {
         Placed { kind, centre_m, aim_m: self.planner.room.middle_m() }
     }
 
-    fn cost(&self, placed: &[Placed]) -> f64 {
-        self.planner.predict(placed, &self.poses).cost()
+    fn costed(&self, placed: Vec<Placed>) -> Costed {
+        Costed { cost: self.planner.predict(&placed, &self.poses).cost(), placed }
     }
 
     /// The best unlike pairs of the first two cameras.
@@ -125,22 +127,18 @@ impl Search<'_> {
             .flat_map(|i| (0..few.len()).map(move |j| (i, j)))
             .filter(|(i, j)| if same { i < j } else { i != j })
             .collect();
-        let mut all: Vec<Costed> = pairs
-            .into_par_iter()
-            .map(|(i, j)| {
-                let placed = vec![self.at(kinds[0], few[i]), self.at(kinds[1], few[j])];
-                (self.cost(&placed), placed)
-            })
-            .collect();
-        all.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let pair = |(i, j)| self.costed(vec![self.at(kinds[0], few[i]), self.at(kinds[1], few[j])]);
+        let mut all: Vec<Costed> = pairs.into_par_iter().map(pair).collect();
+        all.sort_by(|a, b| a.cost.total_cmp(&b.cost));
         let mut out: Vec<Costed> = Vec::new();
         for one in all {
-            let near = out.iter().any(|known| {
-                let shared = |p: &Placed| known.1.iter().any(|q| (p.centre_m - q.centre_m).norm() < 1e-9);
-                one.1.iter().all(shared)
-            });
-            let used = |p: &Placed| out.iter().filter(|k| k.1.contains(p)).count() >= 2;
-            if !near && !one.1.iter().any(used) {
+            let is_near = |known: &Costed| {
+                let stands =
+                    |p: &Placed| known.placed.iter().any(|q| (p.centre_m - q.centre_m).norm() < 1e-9);
+                one.placed.iter().all(stands)
+            };
+            let is_used = |p: &Placed| out.iter().filter(|known| known.placed.contains(p)).count() >= 2;
+            if !out.iter().any(is_near) && !one.placed.iter().any(is_used) {
                 out.push(one);
             }
             if out.len() == STARTS {
@@ -150,51 +148,46 @@ impl Search<'_> {
         out
     }
 
-    /// A pair completed, exchanged and refined.
-    fn developed(&self, (_, mut placed): Costed, kinds: &[usize]) -> Costed {
+    fn developed(&self, pair: Costed, kinds: &[usize]) -> Costed {
+        let mut best = pair;
         for kind in &kinds[2..] {
-            let best = self.best_place(&placed, *kind);
-            placed.extend(best.map(|b| b.1));
+            best = self.with_best_place(&best.placed, best.placed.len(), *kind).unwrap_or(best);
         }
-        let mut cost = self.cost(&placed);
         for _ in 0..ROUNDS {
-            let before = cost;
-            for k in 0..placed.len() {
-                let (kind, mut others) = (placed[k].kind, placed.clone());
+            let before = best.cost;
+            for k in 0..best.placed.len() {
+                let (kind, mut others) = (best.placed[k].kind, best.placed.clone());
                 others.remove(k);
-                if let Some((better, place)) =
-                    self.best_place(&others, kind).filter(|b| b.0 < cost * (1.0 - 1e-9))
-                {
-                    (cost, placed[k]) = (better, place);
-                }
+                let better = self.with_best_place(&others, k, kind);
+                best = better.filter(|b| b.cost < best.cost * (1.0 - 1e-9)).unwrap_or(best);
             }
-            if cost >= before {
+            if best.cost >= before {
                 break;
             }
         }
-        self.refined((cost, placed))
+        self.refined(best)
     }
 
-    /// The best place of one more camera.
-    fn best_place(&self, others: &[Placed], kind: usize) -> Option<(f64, Placed)> {
+    /// The best place of one more camera, the `k`-th.
+    fn with_best_place(&self, others: &[Placed], k: usize, kind: usize) -> Option<Costed> {
         let costed = |place: &Vector3<f64>| {
             let mut all = others.to_vec();
-            all.push(self.at(kind, *place));
-            (self.cost(&all), self.at(kind, *place))
+            all.insert(k, self.at(kind, *place));
+            self.costed(all)
         };
-        let all: Vec<(f64, Placed)> = self.places.par_iter().map(costed).collect();
-        all.into_iter().min_by(|a, b| a.0.total_cmp(&b.0))
+        let all: Vec<Costed> = self.places.par_iter().map(costed).collect();
+        all.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost))
     }
 
     /// Compass search over all places, and over what the cameras look at where that is free.
-    fn refined(&self, (mut cost, mut placed): Costed) -> Costed {
+    fn refined(&self, mut best: Costed) -> Costed {
         let mut step_m = self.options.step_m / 2.0;
         while step_m > LAST_STEP_M {
             let mut improved = false;
-            for k in 0..placed.len() {
+            for k in 0..best.placed.len() {
                 for axis in 0..if self.options.free_aim { 6 } else { 3 } {
                     for sign in [-1.0, 1.0] {
-                        let mut tried = placed.clone();
+                        let mut tried = best.placed.clone();
                         let by = Vector3::ith(axis % 3, sign * step_m);
                         if axis < 3 {
                             let Some(place) = self.planner.room.allowed_near(&(tried[k].centre_m + by))
@@ -205,9 +198,9 @@ impl Search<'_> {
                         } else {
                             tried[k].aim_m += by;
                         }
-                        let now = self.cost(&tried);
-                        if now < cost * (1.0 - 1e-6) {
-                            (cost, placed, improved) = (now, tried, true);
+                        let now = self.costed(tried);
+                        if now.cost < best.cost * (1.0 - 1e-6) {
+                            (best, improved) = (now, true);
                         }
                     }
                 }
@@ -216,7 +209,7 @@ impl Search<'_> {
                 step_m /= 2.0;
             }
         }
-        (cost, placed)
+        best
     }
 }
 
@@ -228,15 +221,14 @@ fn thinned(places: &[Vector3<f64>], from: &Vector3<f64>, count: usize) -> Vec<Ve
     }
     let mut distance: Vec<f64> = places.iter().map(|p| (p - from).norm()).collect();
     let mut out: Vec<Vector3<f64>> = Vec::with_capacity(count);
-    for round in 0..count {
-        let Some(next) = (0..places.len()).max_by(|a, b| distance[*a].total_cmp(&distance[*b])) else {
-            break;
-        };
-        out.push(places[next]);
+    while out.len() < count {
+        let farthest = (0..places.len()).max_by(|a, b| distance[*a].total_cmp(&distance[*b]));
+        let Some(next) = farthest.map(|k| places[k]) else { break };
         for (d, p) in distance.iter_mut().zip(places) {
-            let to = (p - places[next]).norm();
-            *d = if round == 0 { to } else { d.min(to) };
+            let to = (p - next).norm();
+            *d = if out.is_empty() { to } else { d.min(to) };
         }
+        out.push(next);
     }
     out
 }

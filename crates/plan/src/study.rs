@@ -5,13 +5,21 @@ use mavsight_geometry::Vector3;
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// One row of a study.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct StudyRow {
+/// Two cameras of one type at the height of the volume's middle, on the side of -Y, as in the paper.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct CameraPair {
     /// Angle between the optical axes.
     pub angle_deg: f64,
     /// Distance of both cameras from the middle of the volume.
     pub distance_m: f64,
+}
+
+/// One row of a study.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct StudyRow {
+    /// The cameras.
+    #[serde(flatten)]
+    pub pair: CameraPair,
     /// Whether both places are allowed in the room.
     pub is_allowed: bool,
     /// Prediction for these cameras.
@@ -22,25 +30,23 @@ pub struct StudyRow {
 const STEPS: usize = 5;
 
 impl Planner {
-    /// Two cameras of one type at the height of the volume's middle, at a distance from it, with an angle
-    /// between their axes; they stand on the side of -Y, as in the paper.
-    pub fn pair(&self, kind: usize, angle_deg: f64, distance_m: f64) -> [Placed; 2] {
+    /// A pair of cameras of a type at its places.
+    pub fn pair(&self, kind: usize, pair: CameraPair) -> [Placed; 2] {
         let middle = self.room().middle_m();
         [0.5, -0.5].map(|side| {
-            let turn = (side * angle_deg).to_radians();
-            let centre_m = middle + Vector3::new(turn.sin(), -turn.cos(), 0.0) * distance_m;
+            let turn = (side * pair.angle_deg).to_radians();
+            let centre_m = middle + Vector3::new(turn.sin(), -turn.cos(), 0.0) * pair.distance_m;
             Placed { kind, centre_m, aim_m: middle }
         })
     }
 
-    /// Predicted errors of such pairs, each at an angle in degrees and a distance in metres.
-    pub fn study(&self, kind: usize, pairs: &[(f64, f64)]) -> Vec<StudyRow> {
+    /// Predicted errors of pairs of cameras of a type.
+    pub fn study(&self, kind: usize, pairs: &[CameraPair]) -> Vec<StudyRow> {
         let poses = self.room.poses(STEPS);
-        let row = |(angle_deg, distance_m): &(f64, f64)| {
-            let placed = self.pair(kind, *angle_deg, *distance_m);
+        let row = |pair: &CameraPair| {
+            let placed = self.pair(kind, *pair);
             StudyRow {
-                angle_deg: *angle_deg,
-                distance_m: *distance_m,
+                pair: *pair,
                 is_allowed: placed.iter().all(|p| self.room.allows(&p.centre_m)),
                 prediction: self.predict(&placed, &poses),
             }

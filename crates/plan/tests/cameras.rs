@@ -3,7 +3,7 @@
 use mavsight_flight::Vehicle;
 use mavsight_geometry::Vector3;
 use mavsight_pipeline::{ControlPointRow, body_markers};
-use mavsight_plan::{CentreStd, Placed, PlanError, Planner, Room, SearchOptions, Solid};
+use mavsight_plan::{CameraPair, CentreStd, Placed, PlanError, Planner, Room, SearchOptions, Solid};
 use mavsight_pose::BodyMarker;
 
 /// A change of the room.
@@ -79,7 +79,7 @@ fn position_is_that_of_classical_triangulation() {
     let middle: Vec<_> = planner.room().poses_at(&planner.room().middle_m()).collect();
     for angle_deg in [50.0, 70.0, 90.0, 110.0, 130.0] {
         for distance_m in [5.0, 7.0] {
-            let got = planner.predict(&planner.pair(0, angle_deg, distance_m), &middle);
+            let got = planner.predict(&planner.pair(0, CameraPair { angle_deg, distance_m }), &middle);
             let s_mm = 1e3 * 0.1 * distance_m / focal_px;
             let sine = angle_deg.to_radians().sin();
             let wanted = (s_mm * s_mm * (2.0 / (sine * sine) + 0.5) / 4.0).sqrt();
@@ -93,7 +93,8 @@ fn position_is_that_of_classical_triangulation() {
 /// The paper's study (Amat et al.): least error at a right angle, and more the farther away.
 #[test]
 fn the_least_error_over_the_volume_is_at_a_right_angle() {
-    let pairs: Vec<(f64, f64)> = (0..=40).map(|k| (50.0 + 2.0 * f64::from(k), 6.36)).collect();
+    let pair = |k: i32| CameraPair { angle_deg: 50.0 + 2.0 * f64::from(k), distance_m: 6.36 };
+    let pairs: Vec<CameraPair> = (0..=40).map(pair).collect();
     for control in [false, true] {
         let planner = Planner::new(
             {
@@ -111,16 +112,19 @@ fn the_least_error_over_the_volume_is_at_a_right_angle() {
         let best = rows
             .iter()
             .min_by(|a, b| a.prediction.mean.position_std_mm.total_cmp(&b.prediction.mean.position_std_mm));
-        let best = best.expect("rows").angle_deg;
+        let best = best.expect("rows").pair.angle_deg;
         assert!((best - 90.0).abs() <= 5.0, "control {control}: {best}°");
     }
-    let rows = planner(|_| ()).study(0, &[5.0, 6.0, 7.0].map(|distance_m| (90.0, distance_m)));
+    let rows = planner(|_| ())
+        .study(0, &[5.0, 6.0, 7.0].map(|distance_m| CameraPair { angle_deg: 90.0, distance_m }));
     assert!(rows.windows(2).all(|w| w[0].prediction.figure < w[1].prediction.figure));
 }
 
 #[test]
 fn systematic_errors_of_calibration_markers_and_centres_do_not_average_out() {
-    let place = |p: &Planner| p.predict(&p.pair(0, 90.0, 6.36), &p.room().poses(2));
+    let place = |p: &Planner| {
+        p.predict(&p.pair(0, CameraPair { angle_deg: 90.0, distance_m: 6.36 }), &p.room().poses(2))
+    };
     let exact = place(&planner(|_| ()));
     let mut before = exact.mean.position_std_mm;
     let with: [Spoil; 3] = [with_control, |r| r.markers_std_m = 2e-3, |r| r.centre_bias_px = 0.2];
@@ -211,7 +215,10 @@ fn centres_that_differ_are_worth_what_their_weights_allow() {
             // One for the control points in both.
             room.control.as_mut().expect("control points").std_px = Some(0.1);
         });
-        let got = planner.predict(&planner.pair(0, 90.0, 6.36), &planner.room().poses(5));
+        let got = planner.predict(
+            &planner.pair(0, CameraPair { angle_deg: 90.0, distance_m: 6.36 }),
+            &planner.room().poses(5),
+        );
         [got.mean.new_position_std_mm, got.mean.attitude_std_deg, got.mean.new_attitude_std_deg]
     };
     let (alike, differ) = (with(CentreStd::Alike(0.1)), with(CentreStd::Drawn(all_px.to_vec())));
@@ -228,7 +235,7 @@ fn centres_that_differ_are_worth_what_their_weights_allow() {
 fn a_camera_that_sees_too_few_control_points_is_refused_by_name() {
     let planner = planner(with_control);
     let near = Placed { kind: 0, centre_m: Vector3::new(0.0, -2.5, 1.5), aim_m: Vector3::new(0.0, 0.0, 1.5) };
-    let mut placed = planner.pair(0, 90.0, 6.36).to_vec();
+    let mut placed = planner.pair(0, CameraPair { angle_deg: 90.0, distance_m: 6.36 }).to_vec();
     placed[1] = near;
     let got = planner.predict(&placed, &planner.room().poses(2));
     assert!(got.refused.as_ref().is_some_and(|r| r.contains("cam2")), "{got:?}");

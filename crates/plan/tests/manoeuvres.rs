@@ -5,8 +5,8 @@ use mavsight_geometry::{Isometry3, UnitQuaternion};
 use mavsight_identify::output_error::{Measurements, OutputErrorOptions, StateMeasurement, output_error};
 use mavsight_pipeline::body_markers;
 use mavsight_plan::{
-    FlightLimits, FlightPlanner, MultisineOptions, Optimality, PlanError, PlannedManoeuvre, Planner, Room,
-    Solid, true_model,
+    CameraPair, FlightLimits, FlightPlanner, MultisineOptions, Optimality, PlanError, PlannedManoeuvre,
+    Planner, Room, Solid, true_model,
 };
 use mavsight_random::Random;
 use mavsight_simulator::{Channel, Maneuver, Scenario};
@@ -39,7 +39,13 @@ fn limits() -> FlightLimits {
 }
 
 fn flights<'a>(planner: &'a Planner) -> FlightPlanner<'a> {
-    FlightPlanner::new(planner, &planner.pair(0, 90.0, 6.36), &Vehicle::paper(), limits()).expect("a rig")
+    FlightPlanner::new(
+        planner,
+        &planner.pair(0, CameraPair { angle_deg: 90.0, distance_m: 6.36 }),
+        &Vehicle::paper(),
+        limits(),
+    )
+    .expect("a rig")
 }
 
 /// Poses with errors of the planned covariance.
@@ -157,7 +163,7 @@ fn what_cannot_be_flown_is_refused() {
     assert!(matches!(flights.predict(&still, true), Err(PlanError::Value { .. })));
     let mut far = limits();
     far.volume = Solid { name: None, low_m: [-1.0, 5.0, 0.6], high_m: [1.0, 7.0, 2.4] };
-    let rig = planner.pair(0, 90.0, 6.36);
+    let rig = planner.pair(0, CameraPair { angle_deg: 90.0, distance_m: 6.36 });
     let away = FlightPlanner::new(&planner, &rig, &Vehicle::paper(), far).expect("a rig");
     assert!(matches!(away.predict(&Scenario::paper(), true), Err(PlanError::OutOfView { .. })));
     let none = FlightLimits { tilt_deg: 0.0, ..limits() };

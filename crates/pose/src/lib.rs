@@ -18,6 +18,7 @@ mod smoother;
 mod statistics;
 #[cfg(test)]
 mod testing;
+mod three_points;
 
 pub use associate::{Association, Associator, MovedCamera};
 pub use calibrate::{

@@ -174,24 +174,22 @@ pub fn volume_precision(rig: &Rig, volume: &Volume, pixel_std_px: f64) -> Option
 mod tests {
     use super::*;
     use crate::calibrate::test_sets::{Noise, both, seen};
-    use crate::testing::{cameras, cube, normal};
+    use crate::testing::{cameras, cube};
     use crate::{Rig, calibrate};
     use mavsight_geometry::{ImagePoint, Matrix2, Vector2, triangulate};
+    use mavsight_random::Random;
 
     /// Calibrations and measurements with noise, many times over, against the prediction.
     #[test]
     fn the_prediction_is_the_spread_of_many_measurements() {
-        let (std_px, mut seed, trials) = (0.1, 3, 300);
+        let (std_px, mut random, trials) = (0.1, Random::new(3, 0), 300);
         let point = Vector3::new(0.6, 0.4, 2.0);
         let (mut sum, mut claimed) = (Matrix3::zeros(), 0.0);
         for _ in 0..trials {
-            let rig = calibrate(&both(std_px, &mut seed)).unwrap();
+            let rig = calibrate(&both(std_px, &mut random)).unwrap();
             let pixels: Vec<Vector2<f64>> = cameras()
                 .iter()
-                .map(|c| {
-                    c.project(&point).unwrap().pixel
-                        + Vector2::new(normal(&mut seed), normal(&mut seed)) * std_px
-                })
+                .map(|c| c.project(&point).unwrap().pixel + Vector2::from(random.normals()) * std_px)
                 .collect();
             let images: Vec<_> = rig
                 .cameras
@@ -217,19 +215,19 @@ mod tests {
     /// Twelve points of only five distinct places fit as well as twelve places, and measure much worse.
     #[test]
     fn a_small_residual_of_few_distinct_points_hides_what_the_map_shows() {
-        let mut seed = 8;
+        let mut random = Random::new(8, 0);
         let inner = [[-0.4, -0.3, 1.1], [0.4, -0.3, 1.4], [0.0, 0.4, 1.9], [-0.3, 0.3, 1.0], [0.3, 0.3, 1.6]];
         let inner = inner.map(Vector3::from);
         let few: Vec<Vector3<f64>> = (0..12).map(|k| inner[k % 5]).collect();
         let mut frame = cube();
         frame.extend(&inner[..4]);
-        let calibrated = |places: &[Vector3<f64>], seed: &mut u64| {
+        let calibrated = |places: &[Vector3<f64>], random: &mut Random| {
             let ([a, b], noise) = (cameras(), Noise { std_px: 0.1, radius_m: 0.03 });
-            calibrate(&[seen("cam1", &a, places, noise, seed), seen("cam2", &b, places, noise, seed)])
+            calibrate(&[seen("cam1", &a, places, noise, random), seen("cam2", &b, places, noise, random)])
         };
         let volume = Volume { low_m: Vector3::new(-1.5, -1.5, 0.0), high_m: Vector3::new(1.5, 1.5, 3.0) };
-        let good = calibrated(&frame, &mut seed).unwrap();
-        let poor = calibrated(&few, &mut seed).unwrap();
+        let good = calibrated(&frame, &mut random).unwrap();
+        let poor = calibrated(&few, &mut random).unwrap();
         let worst = |rig: &Rig| volume_precision(rig, &volume, 0.1).unwrap().worst_mm;
         let residual = |rig: &Rig| rig.cameras[0].residual_rms_px.max(rig.cameras[1].residual_rms_px);
         assert!(residual(&poor) < 0.2, "{} px", residual(&poor));

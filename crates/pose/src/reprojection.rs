@@ -151,8 +151,6 @@ impl PoseFit {
 }
 
 impl Scene<'_> {
-    /// # Errors
-    /// Those of the projection of a point that is not in view.
     pub(crate) fn at(
         self,
         o: &PointObservation,
@@ -197,10 +195,6 @@ impl Scene<'_> {
 
     /// The pose of least loss, from one near (Levenberg 1944; Marquardt 1963). The step that promises to
     /// lower the loss by less than `converged` is the last: what remains after it is smaller by its square.
-    ///
-    /// # Errors
-    /// Those of [`Scene::equations`] at the start; [`PoseError::NotConverged`] where the observations do not
-    /// determine a pose.
     pub(crate) fn descend(
         self,
         observations: &[PointObservation],

@@ -265,27 +265,28 @@ fn implausibility(dlt: &Dlt, size: ImageSize) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::{SIZE, cameras, cube, normal};
+    use crate::testing::{SIZE, cameras, cube};
+    use mavsight_random::Random;
 
-    fn scene(camera: usize, seed: &mut u64) -> Vec<Vec<(Vector2<f64>, f64)>> {
-        let noise = |seed: &mut u64| Vector2::new(normal(seed), normal(seed)) * 0.1;
+    fn scene(camera: usize, random: &mut Random) -> Vec<Vec<(Vector2<f64>, f64)>> {
+        let noise = |random: &mut Random| Vector2::from(random.normals()) * 0.1;
         cube()
             .iter()
-            .map(|p| vec![(cameras()[camera].project(p).unwrap().pixel + noise(seed), 0.9)])
+            .map(|p| vec![(cameras()[camera].project(p).unwrap().pixel + noise(random), 0.9)])
             .collect()
     }
 
     const NAMES: [&str; 8] = ["p0", "p1", "p2", "p3", "p4", "p5", "p6", "p7"];
 
-    fn clutter(seed: &mut u64) -> Vector2<f64> {
-        Vector2::new(320.0 + 150.0 * normal(seed), 240.0 + 110.0 * normal(seed))
+    fn clutter(random: &mut Random) -> Vector2<f64> {
+        Vector2::new(320.0 + 150.0 * random.normal(), 240.0 + 110.0 * random.normal())
     }
 
     #[test]
     fn a_plain_scene_is_taken_as_it_is() {
-        let mut seed = 1;
+        let mut random = Random::new(1, 0);
         for camera in 0..2 {
-            let got = select_control_balls(&scene(camera, &mut seed), &cube(), &NAMES, SIZE).unwrap();
+            let got = select_control_balls(&scene(camera, &mut random), &cube(), &NAMES, SIZE).unwrap();
             let want = Selection { chosen: vec![Some(0); 8], swapped: vec![], elsewhere: vec![] };
             assert_eq!(got, want);
         }
@@ -293,16 +294,16 @@ mod tests {
 
     #[test]
     fn balls_are_found_among_better_coloured_clutter() {
-        let mut seed = 4;
+        let mut random = Random::new(4, 0);
         for trial in 0..12 {
             let wrong = 1 + trial % 4;
-            let mut candidates = scene(trial % 2, &mut seed);
+            let mut candidates = scene(trial % 2, &mut random);
             let mut want = vec![Some(0); 8];
             for (i, list) in candidates.iter_mut().enumerate() {
                 let score = if (i + trial) % 8 < wrong { 0.99 } else { 0.5 };
                 want[i] = Some(usize::from(trial % 2 == 0));
-                list.insert(usize::from(trial % 2 == 1), (clutter(&mut seed), score));
-                list.push((clutter(&mut seed), 0.1));
+                list.insert(usize::from(trial % 2 == 1), (clutter(&mut random), score));
+                list.push((clutter(&mut random), 0.1));
             }
             let got = select_control_balls(&candidates, &cube(), &NAMES, SIZE).unwrap();
             assert_eq!(got.chosen, want, "trial {trial} with {wrong} wrong colours");
@@ -311,8 +312,8 @@ mod tests {
 
     #[test]
     fn a_hidden_ball_is_none_even_if_clutter_has_its_colour() {
-        let mut seed = 8;
-        let mut candidates = scene(0, &mut seed);
+        let mut random = Random::new(8, 0);
+        let mut candidates = scene(0, &mut random);
         candidates[5] = vec![(Vector2::new(400.0, 50.0), 1.0)];
         candidates[2] = vec![];
         let got = select_control_balls(&candidates, &cube(), &NAMES, SIZE).unwrap();
@@ -322,10 +323,10 @@ mod tests {
 
     #[test]
     fn two_swapped_colours_are_named_whether_the_other_colour_is_a_candidate_or_not() {
-        let mut seed = 12;
+        let mut random = Random::new(12, 0);
         for a in 0..8 {
             for b in a + 1..8 {
-                let mut candidates = scene(a % 2, &mut seed);
+                let mut candidates = scene(a % 2, &mut random);
                 candidates.swap(a, b);
                 if b % 2 == 0 {
                     let (first, second) = (candidates[a][0].0, candidates[b][0].0);
@@ -343,8 +344,8 @@ mod tests {
 
     #[test]
     fn many_swapped_balls_are_refused_by_name() {
-        let mut seed = 2;
-        let mut candidates = scene(0, &mut seed);
+        let mut random = Random::new(2, 0);
+        let mut candidates = scene(0, &mut random);
         for k in 0..3 {
             candidates.swap(k, 7 - k);
         }
@@ -359,9 +360,9 @@ mod tests {
 
     #[test]
     fn a_flat_frame_is_refused_as_such() {
-        let mut seed = 2;
+        let mut random = Random::new(2, 0);
         let flat: Vec<_> = (0..8).map(|i| Vector3::new(f64::from(i % 3), f64::from(i / 3), 1.0)).collect();
-        let error = select_control_balls(&scene(0, &mut seed), &flat, &NAMES, SIZE).unwrap_err();
+        let error = select_control_balls(&scene(0, &mut random), &flat, &NAMES, SIZE).unwrap_err();
         assert!(matches!(error, PoseError::Geometry(GeometryError::CoplanarControlPoints { .. })));
     }
 }

@@ -123,8 +123,8 @@ fn study(caption: &str, rows: &[StudyRow]) -> Table {
         };
         let unless_refused = |text: String| if p.refused.is_some() { String::new() } else { text };
         vec![
-            format!("{:.0}", r.angle_deg),
-            format!("{:.2}", r.distance_m),
+            format!("{:.0}", r.pair.angle_deg),
+            format!("{:.2}", r.pair.distance_m),
             unless_refused(format!("{:.3}", p.mean.position_std_mm)),
             unless_refused(format!("{:.3}", p.worst.position_std_mm)),
             unless_refused(format!("{:.4}", p.mean.attitude_std_deg)),

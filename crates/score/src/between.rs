@@ -24,43 +24,36 @@ pub fn true_pose(truth: &[FlightState], t_s: f64) -> Option<Isometry3<f64>> {
     }
     let (a, b) = (row.pose(), next.pose());
     let x = (t_s - row.t_s) / step_s;
-    let Hermite { value: p, slopes: v, curvatures: w } = hermite(x);
-    let (from, to) = (world_rates(row, &a), world_rates(next, &b));
+    let (x2, x3, x4, x5) = (x * x, x.powi(3), x.powi(4), x.powi(5));
+    // Hermite's weights of fifth degree: of the end's place, of both velocities and of both accelerations.
+    let p = 10.0 * x3 - 15.0 * x4 + 6.0 * x5;
+    let v = [x - 6.0 * x3 + 8.0 * x4 - 3.0 * x5, -4.0 * x3 + 7.0 * x4 - 3.0 * x5];
+    let w = [0.5 * x2 - 1.5 * x3 + 1.5 * x4 - 0.5 * x5, 0.5 * x3 - x4 + 0.5 * x5];
+    let (from, to) = (WorldRates::of(row, &a), WorldRates::of(next, &b));
     let position = a.translation.vector * (1.0 - p)
         + b.translation.vector * p
-        + (from.0 * v[0] + to.0 * v[1]) * step_s
-        + (from.1 * w[0] + to.1 * w[1]) * (step_s * step_s);
+        + (from.velocity * v[0] + to.velocity * v[1]) * step_s
+        + (from.acceleration * w[0] + to.acceleration * w[1]) * (step_s * step_s);
     let turn = (a.rotation.inverse() * b.rotation).scaled_axis();
     // The turn's own rate at its end, to the second order of the inverse right Jacobian.
     let end = next.rates_rad_s;
     let end = end + turn.cross(&end) * 0.5 + turn.cross(&turn.cross(&end)) / 12.0;
-    let (x2, x3) = (x * x, x * x * x);
     let axis =
         turn * (3.0 * x2 - 2.0 * x3) + (row.rates_rad_s * (x3 - 2.0 * x2 + x) + end * (x3 - x2)) * step_s;
     Some(Isometry3::from_parts(position.into(), a.rotation * UnitQuaternion::from_scaled_axis(axis)))
 }
 
-/// Velocity and acceleration in world axes.
-fn world_rates(row: &FlightState, pose: &Isometry3<f64>) -> (Vector3<f64>, Vector3<f64>) {
-    let velocity = row.velocity_in_body_m_s;
-    let acceleration = row.velocity_rate_m_s2 + row.rates_rad_s.cross(&velocity);
-    (pose.rotation * velocity, pose.rotation * acceleration)
+/// Motion in world axes.
+struct WorldRates {
+    velocity: Vector3<f64>,
+    acceleration: Vector3<f64>,
 }
 
-/// Hermite's weights of fifth degree: of the end's value (the start's is its complement), of both slopes and
-/// of both curvatures.
-struct Hermite {
-    value: f64,
-    slopes: [f64; 2],
-    curvatures: [f64; 2],
-}
-
-fn hermite(x: f64) -> Hermite {
-    let (x2, x3, x4, x5) = (x * x, x.powi(3), x.powi(4), x.powi(5));
-    Hermite {
-        value: 10.0 * x3 - 15.0 * x4 + 6.0 * x5,
-        slopes: [x - 6.0 * x3 + 8.0 * x4 - 3.0 * x5, -4.0 * x3 + 7.0 * x4 - 3.0 * x5],
-        curvatures: [0.5 * x2 - 1.5 * x3 + 1.5 * x4 - 0.5 * x5, 0.5 * x3 - x4 + 0.5 * x5],
+impl WorldRates {
+    fn of(row: &FlightState, pose: &Isometry3<f64>) -> Self {
+        let velocity = row.velocity_in_body_m_s;
+        let acceleration = row.velocity_rate_m_s2 + row.rates_rad_s.cross(&velocity);
+        Self { velocity: pose.rotation * velocity, acceleration: pose.rotation * acceleration }
     }
 }
 

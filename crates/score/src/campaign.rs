@@ -1,7 +1,10 @@
 //! Thousands of simulated flights over a grid of rigs, noise and manoeuvres.
 
 use crate::chunks::checksum;
-use crate::{CAMPAIGN_SCHEMA, CampaignFile, CampaignRig, ChunkFile, FitKind, NoiseLevel, ScoreError};
+use crate::{
+    CAMPAIGN_SCHEMA, CampaignCamera, CampaignFile, CampaignRig, ChunkFile, FitKind, NoiseLevel, ScoreError,
+};
+use mavsight_flight::Vehicle;
 use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Isometry3, Matrix2, Point3, Vector2, Vector3};
 use mavsight_identify::output_error::{
     ExpectedParameter, FlightModel, Measurements, OutputErrorOptions, StateMeasurement, output_error,
@@ -49,7 +52,6 @@ pub struct CellSummary {
     pub inside: f64,
 }
 
-/// One planned combination.
 struct Cell {
     names: [String; 3],
     planner: Planner,
@@ -104,17 +106,14 @@ impl Campaign {
                 for steered in &file.manoeuvre {
                     let scenario: Scenario = read_toml(&folder.join(&steered.scenario), "scenario file")?;
                     inputs += &format!("{scenario:?}");
-                    combinations.push((rig, noise, steered, planner.clone(), vehicle.clone(), scenario));
+                    let names = [rig.name.clone(), noise.name.clone(), steered.name.clone()];
+                    let (planner, vehicle) = (planner.clone(), vehicle.clone());
+                    combinations.push(Combination { names, rig, noise, planner, vehicle, scenario });
                 }
             }
         }
-        let cells = combinations
-            .into_par_iter()
-            .map(|(rig, noise, steered, planner, vehicle, scenario)| {
-                let names = [rig.name.clone(), noise.name.clone(), steered.name.clone()];
-                cell(names, rig, noise, planner, &vehicle, &scenario)
-            })
-            .collect::<Result<Vec<Cell>, ScoreError>>()?;
+        let cells = combinations.into_par_iter().map(Combination::planned);
+        let cells = cells.collect::<Result<Vec<Cell>, ScoreError>>()?;
         let job = checksum(inputs.as_bytes());
         Ok(Self { file, cells, job })
     }
@@ -148,22 +147,14 @@ impl Campaign {
         let mut out = String::new();
         for number in flights {
             let (index, estimates) = self.fly(number);
-            let [rig, noise, manoeuvre] = &self.cells[index].names;
-            let flight = number % self.file.flights;
-            match estimates {
-                None => out += &format!("{rig},{noise},{manoeuvre},{flight},,,,\n"),
-                Some(all) => {
-                    for p in all {
-                        out += &format!(
-                            "{rig},{noise},{manoeuvre},{flight},{},{:e},{:e},{:e}\n",
-                            // A comma in a name would be a column.
-                            p.name.replace(',', ":"),
-                            p.truth,
-                            p.estimate,
-                            p.std
-                        );
-                    }
-                }
+            let start = format!("{},{}", self.cells[index].names.join(","), number % self.file.flights);
+            for p in estimates.iter().flatten() {
+                // A comma in a name would be a column.
+                let name = p.name.replace(',', ":");
+                out += &format!("{start},{name},{:e},{:e},{:e}\n", p.truth, p.estimate, p.std);
+            }
+            if estimates.is_none() {
+                out += &format!("{start},,,,\n");
             }
         }
         out
@@ -193,7 +184,6 @@ impl Campaign {
         Ok(Self::HEADER.to_owned() + &chunks.collect::<Result<Vec<String>, ScoreError>>()?.concat())
     }
 
-    /// Checks that names distinguish the flights of a table.
     fn check_names<'a>(key: &str, names: impl Iterator<Item = &'a str>) -> Result<(), ScoreError> {
         let refuse = |detail: String| Err(ScoreError::Campaign { key: key.to_owned(), detail });
         let mut known = BTreeSet::new();
@@ -219,20 +209,24 @@ impl Campaign {
                 table.lines().filter_map(|l| Some(l.strip_prefix(&start)?.split(',').collect())).collect();
             for p in &cell.plan.fit.parameters {
                 let name = p.name.replace(',', ":");
-                let errors = rows.iter().filter(|r| r[1] == name).filter_map(|r| {
-                    let number = |k: usize| r.get(k)?.parse::<f64>().ok();
-                    Some((number(3)? - number(2)?, number(4)?))
-                });
-                let errors: Vec<(f64, f64)> = errors.collect();
-                let n = errors.len().max(1) as f64;
-                let inside = errors.iter().filter(|(error, std)| error.abs() <= NORMAL_95 * std).count();
+                let (mut flights, mut inside, mut squares) = (0, 0, 0.0);
+                for row in rows.iter().filter(|r| r[1] == name) {
+                    let number = |k: usize| row.get(k)?.parse::<f64>().ok();
+                    let (Some(truth), Some(estimate), Some(std)) = (number(2), number(3), number(4)) else {
+                        continue;
+                    };
+                    flights += 1;
+                    inside += usize::from((estimate - truth).abs() <= NORMAL_95 * std);
+                    squares += (estimate - truth).powi(2);
+                }
+                let n = flights.max(1) as f64;
                 out.push(CellSummary {
                     cell: cell.names.clone(),
                     parameter: p.name.to_owned(),
-                    flights: errors.len(),
+                    flights,
                     truth: p.value,
                     predicted_std: p.std,
-                    achieved_std: (errors.iter().map(|(error, _)| error * error).sum::<f64>() / n).sqrt(),
+                    achieved_std: (squares / n).sqrt(),
                     inside: inside as f64 / n,
                 });
             }
@@ -241,49 +235,48 @@ impl Campaign {
     }
 }
 
-fn cell(
+struct Combination<'a> {
     names: [String; 3],
-    rig: &CampaignRig,
-    noise: &NoiseLevel,
+    rig: &'a CampaignRig,
+    noise: &'a NoiseLevel,
     planner: Planner,
-    vehicle: &mavsight_flight::Vehicle,
-    scenario: &Scenario,
-) -> Result<Cell, ScoreError> {
-    let mut room = planner.room().clone();
-    room.centre_bias_px = noise.centre_bias_px.unwrap_or(room.centre_bias_px);
-    room.markers_std_m = noise.markers_std_m.unwrap_or(room.markers_std_m);
-    for kind in &mut room.camera {
-        if let Some(given) = &noise.centre_std_px {
-            kind.centre_std_px = Some(given.clone());
+    vehicle: Vehicle,
+    scenario: Scenario,
+}
+
+impl Combination<'_> {
+    fn planned(self) -> Result<Cell, ScoreError> {
+        let Self { names, rig, noise, planner, vehicle, scenario } = self;
+        let mut room = planner.room().clone();
+        room.centre_bias_px = noise.centre_bias_px.unwrap_or(room.centre_bias_px);
+        room.markers_std_m = noise.markers_std_m.unwrap_or(room.markers_std_m);
+        for kind in &mut room.camera {
+            kind.centre_std_px = noise.centre_std_px.clone().or(kind.centre_std_px.take());
         }
-    }
-    let middle = room.middle_m();
-    let placed = rig
-        .camera
-        .iter()
-        .map(|c| {
-            let kind =
-                room.camera.iter().position(|k| k.name == c.kind).ok_or_else(|| ScoreError::Campaign {
-                    key: format!("rig {}: type", rig.name),
-                    detail: format!("{:?} is no camera of {}", c.kind, rig.room.display()),
-                })?;
-            let aim_m = c.aim_m.map_or(middle, Vector3::from);
+        let place = |c: &CampaignCamera| {
+            let kind = room.camera.iter().position(|k| k.name == c.kind);
+            let kind = kind.ok_or_else(|| ScoreError::Campaign {
+                key: format!("rig {}: type", rig.name),
+                detail: format!("{:?} is no camera of {}", c.kind, rig.room.display()),
+            })?;
+            let aim_m = c.aim_m.map_or(room.middle_m(), Vector3::from);
             Ok(Placed { kind, centre_m: c.centre_m.into(), aim_m })
-        })
-        .collect::<Result<Vec<Placed>, ScoreError>>()?;
-    let planner = Planner::new(room, planner.markers().to_vec(), planner.control().to_vec())?;
-    let limits = FlightLimits {
-        volume: planner.room().room.clone(),
-        tilt_deg: 80.0,
-        deflection_deg: 80.0,
-        rotor_percent: 80.0,
-    };
-    let rig = planner.rig(&placed)?;
-    let plan = FlightPlanner::new(&planner, &placed, vehicle, limits)?.predict_here(scenario)?;
-    // The start of a whole fit is the vehicle file, not the truth.
-    let model = FlightModel::new(vehicle, &plan.inputs).map_err(mavsight_plan::PlanError::from)?;
-    let estimator = planner.estimator(&rig)?;
-    Ok(Cell { names, rig, estimator, placed, model, plan, planner })
+        };
+        let placed = rig.camera.iter().map(place).collect::<Result<Vec<Placed>, ScoreError>>()?;
+        let planner = Planner::new(room, planner.markers().to_vec(), planner.control().to_vec())?;
+        let limits = FlightLimits {
+            volume: planner.room().room.clone(),
+            tilt_deg: 80.0,
+            deflection_deg: 80.0,
+            rotor_percent: 80.0,
+        };
+        let rig = planner.rig(&placed)?;
+        let plan = FlightPlanner::new(&planner, &placed, &vehicle, limits)?.predict_here(&scenario)?;
+        // The start of a whole fit is the vehicle file, not the truth.
+        let model = FlightModel::new(&vehicle, &plan.inputs).map_err(mavsight_plan::PlanError::from)?;
+        let estimator = planner.estimator(&rig)?;
+        Ok(Cell { names, rig, estimator, placed, model, plan, planner })
+    }
 }
 
 impl Cell {

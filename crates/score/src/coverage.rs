@@ -33,7 +33,6 @@ pub struct Quantity {
     pub is_required: bool,
 }
 
-/// Half-width of a normal 95 % interval.
 const NORMAL_95: f64 = 1.959_964;
 
 /// Verdict on a share that is not what it should be, while its interval reaches there.
@@ -50,7 +49,6 @@ pub struct Tally {
     unmeasured: usize,
 }
 
-/// One quantity in one flight.
 #[derive(Debug, Clone, Copy, Default)]
 struct OfFlight {
     vectors: f64,
@@ -185,7 +183,6 @@ fn wilson(share: f64, trials: f64) -> [f64; 2] {
     [(middle - half).max(0.0), (middle + half).min(1.0)]
 }
 
-/// Quantile of chi-square at a probability.
 fn chi_square_quantile(probability: f64, freedom: f64) -> f64 {
     ChiSquared::new(freedom).map_or(f64::NAN, |c| c.inverse_cdf(probability))
 }

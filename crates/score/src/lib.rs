@@ -145,11 +145,10 @@ fn pose_errors<'a>(
         count += 1;
         square += distance_m * distance_m;
         worst = worst.max(distance_m);
-        let pairs = [(e.phi_rad, row.phi_rad), (e.theta_rad, row.theta_rad), (e.psi_rad, row.psi_rad)];
-        for (sum, (got, wanted)) in angles.iter_mut().zip(pairs) {
-            let turn = std::f64::consts::TAU;
-            let error = got - wanted;
-            *sum += (error - turn * (error / turn).round()).to_degrees().powi(2);
+        let errors = [e.phi_rad - row.phi_rad, e.theta_rad - row.theta_rad, e.psi_rad - row.psi_rad];
+        for (sum, error) in angles.iter_mut().zip(errors) {
+            let turns = (error / std::f64::consts::TAU).round();
+            *sum += (error - std::f64::consts::TAU * turns).to_degrees().powi(2);
         }
     }
     (count > 0).then(|| PoseErrors {
@@ -212,13 +211,12 @@ pub fn score_output_error(fits: &FlightFits, vehicle: &Vehicle) -> Vec<Parameter
         ModelParameter::Coefficient(c) => truth.get(c),
         ModelParameter::InputLag => 0.0,
     };
-    fits.named()
-        .flat_map(|(estimator, fit)| fit.parameters.iter().map(move |p| (estimator, p)))
-        .map(|(estimator, p)| {
-            let interval = Some((p.ci_low, p.ci_high));
-            ParameterError::new(estimator, p.name.to_owned(), of(p.parameter), p.value, interval)
-        })
-        .collect()
+    let all = fits.named().flat_map(|(estimator, fit)| fit.parameters.iter().map(move |p| (estimator, p)));
+    all.map(|(estimator, p)| {
+        let interval = Some((p.ci_low, p.ci_high));
+        ParameterError::new(estimator, p.name.to_owned(), of(p.parameter), p.value, interval)
+    })
+    .collect()
 }
 
 /// Distances of the cameras' centres from the true ones, by name.

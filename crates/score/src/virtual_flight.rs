@@ -6,9 +6,8 @@ use mavsight_pipeline::{NoProgress, Refinement, Tracked, motion_of, reconstruct,
 use mavsight_pose::{CameraControl, MarkerObservation, Motion, Rig, calibrate};
 use mavsight_random::Random;
 use mavsight_session::ns_from_s;
-use mavsight_simulator::{Channel, FlightState, InitialState, Maneuver, Scenario, simulate};
+use mavsight_simulator::{Channel, FlightState, Maneuver, Scenario, simulate};
 
-/// Length of a flight.
 const DURATION_S: f64 = 6.0;
 
 /// Once a flight no camera sees anything for this time.
@@ -80,8 +79,7 @@ impl VirtualLab {
         let mut most = 0.0;
         for _ in 0..SMALLER_TIMES {
             let inputs = scenario.inputs(&self.vehicle)?;
-            let start: InitialState = scenario.start();
-            let states = simulate(&self.vehicle, &inputs, &start, &scenario.frame_times_s())?;
+            let states = simulate(&self.vehicle, &inputs, &scenario.start(), &scenario.frame_times_s())?;
             let seen = states.iter().filter(|s| self.is_in_view(s)).count() as f64;
             let share = seen / states.len().max(1) as f64;
             if share >= IN_VIEW_SHARE {
@@ -115,7 +113,6 @@ impl VirtualLab {
         }
     }
 
-    /// The pixel of a marker in a camera.
     fn pixel(&self, camera: usize, marker: usize, pose: &Isometry3<f64>) -> Option<Vector2<f64>> {
         let (view, ball) = (&self.cameras[camera].camera, &self.vehicle.marker[marker]);
         let centre = (pose * Point3::from(Vector3::from(ball.position_m))).coords;
@@ -162,7 +159,6 @@ impl VirtualLab {
         out
     }
 
-    /// Observations of a flight by instant.
     fn draw_observations(
         &self,
         flight: &[FlightState],

@@ -228,15 +228,11 @@ fn noise_of(tracked: &Tracked, cameras: usize, markers: usize) -> Vec<Observatio
 fn noise_over_stated(estimator: &PoseEstimator, tracked: &Tracked, bias_px: f64) -> Result<f64, PoseError> {
     let factors = estimator.centre_factors(&tracked.observations, &tracked.poses)?;
     let markers = estimator.markers().len();
-    let (mut shown_px2, mut stated_sum_px2, mut count) = (0.0, 0.0, 0.0);
+    let (mut noise_px2, mut stated_px2) = (0.0, 0.0);
     for o in tracked.observations.iter() {
         let own_px2 = o.covariance_px2.diagonal();
-        shown_px2 += own_px2.dot(&factors[o.camera * markers + o.marker]) / 2.0;
-        stated_sum_px2 += own_px2.sum() / 2.0;
-        count += 1.0;
+        noise_px2 += own_px2.dot(&factors[o.camera * markers + o.marker]) / 2.0 - bias_px * bias_px;
+        stated_px2 += own_px2.sum() / 2.0;
     }
-    if stated_sum_px2 <= 0.0 {
-        return Ok(1.0);
-    }
-    Ok(((shown_px2 - count * bias_px * bias_px) / stated_sum_px2).max(0.01).sqrt())
+    Ok(if stated_px2 > 0.0 { (noise_px2 / stated_px2).max(0.01).sqrt() } else { 1.0 })
 }

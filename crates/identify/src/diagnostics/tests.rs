@@ -1,6 +1,6 @@
 use super::*;
-use crate::testing::normal;
 use crate::{Correlation, least_squares};
+use mavsight_random::Random;
 
 /// Longley (1967), as in NIST's file: six regressors, beside a constant.
 #[rustfmt::skip]
@@ -65,10 +65,10 @@ fn correlations_are_of_length_one_on_the_diagonal() {
 
 #[test]
 fn autocorrelations_of_an_autoregression_fade_as_powers() {
-    let (mut seed, mut state) = (2, 0.0);
+    let (mut random, mut state) = (Random::new(2, 0), 0.0);
     let series: Vec<f64> = (0..40_000)
         .map(|_| {
-            state = 0.7 * state + normal(&mut seed);
+            state = 0.7 * state + random.normal();
             state
         })
         .collect();
@@ -97,9 +97,9 @@ fn agreement_is_that_of_a_sum_by_hand() {
 
 #[test]
 fn press_of_blocks_is_what_leaving_them_out_gives() {
-    let (rows, mut seed) = (23, 4);
+    let (rows, mut random) = (23, Random::new(4, 0));
     let x = DMatrix::from_fn(rows, 3, |i, j| (0.2 * i as f64).powi(j as i32));
-    let y = DVector::from_fn(rows, |i, _| 1.0 + (i as f64 * 0.4).sin() + normal(&mut seed));
+    let y = DVector::from_fn(rows, |i, _| 1.0 + (i as f64 * 0.4).sin() + random.normal());
     for block in [1, 4, 7] {
         let mut slow = 0.0;
         for start in (0..rows).step_by(block) {

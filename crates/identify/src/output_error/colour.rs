@@ -3,7 +3,6 @@
 
 use super::condense::Linear;
 use super::result::Extent;
-use super::shooting::Place;
 use crate::IdentifyError;
 use crate::inverse::inverse;
 use nalgebra::DMatrix;
@@ -12,16 +11,14 @@ use nalgebra::DMatrix;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Along {
     Time,
-    /// What is wrong with a centre changes with what is behind the marker, and how it is lit: where it is in
-    /// the image.
+    /// A centre's error changes with background and light: with where the marker is in the image.
     Path,
 }
 
-/// The errors of one channel: the sum of a white one and of one with the autocorrelation exp(-|x|/extent), x
-/// time or path (Ornstein & Uhlenbeck 1930).
+/// The errors of one channel: a white part, and one with the autocorrelation exp(-|x|/extent), x time or path
+/// (Ornstein & Uhlenbeck 1930).
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Noise {
-    /// Variance of the white part.
     white: f64,
     /// Variance of the correlated part over that.
     ratio: f64,
@@ -35,7 +32,6 @@ impl Noise {
     }
 }
 
-/// The errors of all channels.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Colour {
     along: Along,
@@ -46,15 +42,13 @@ pub(crate) struct Colour {
     mean_extent: f64,
 }
 
-/// Ratios of the correlated part's variance to the white one's that are tried, beside none, each twice the
-/// one before.
+/// Ratios of the correlated part's variance to the white one's that are tried, each twice the one before.
 const FIRST_RATIO: f64 = 1.0 / 16.0;
 const RATIOS: usize = 15;
-/// Rounds in which unknowns and noise determine each other; each leaves less than a third of the error of the
-/// one before.
+/// Rounds in which unknowns and noise determine each other; each leaves less than a third of the error.
 const ROUNDS: usize = 4;
 
-/// One row of a channel.
+/// One row of a channel in the filter.
 struct FilterStep {
     /// How much of the state is kept since the row before.
     kept: f64,
@@ -63,7 +57,6 @@ struct FilterStep {
     unit: f64,
 }
 
-/// The filter of one channel.
 struct Whitener {
     steps: Vec<FilterStep>,
     /// Sum of the logarithms of the innovations' variances.
@@ -128,19 +121,21 @@ struct Channels {
 
 impl Channels {
     fn new(linear: &Linear, times_s: &[f64], channels: usize) -> Self {
-        let none = vec![Vec::new(); channels];
-        let mut out = Self { rows: vec![Vec::new(); channels], times_s: none.clone(), paths_px: none };
-        for (row, Place { instant, channel, pixel: [u, v] }) in linear.places.iter().enumerate() {
-            let path_px = out.rows[*channel].last().zip(out.paths_px[*channel].last());
-            let path_px = path_px.map_or(0.0, |(before, path_px): (&usize, &f64)| {
-                let [u0, v0] = linear.places[*before].pixel;
-                path_px + (u - u0).hypot(v - v0)
+        let mut rows = vec![Vec::new(); channels];
+        linear.places.iter().enumerate().for_each(|(row, place)| rows[place.channel].push(row));
+        let place = |row: &usize| &linear.places[*row];
+        let times = |own: &Vec<usize>| own.iter().map(|row| times_s[place(row).instant]).collect();
+        let path = |own: &Vec<usize>| {
+            let (mut path_px, mut before) = (0.0, None);
+            let way = own.iter().map(|row| {
+                let [u, v] = place(row).pixel;
+                let [u0, v0] = before.replace([u, v]).unwrap_or([u, v]);
+                path_px += (u - u0).hypot(v - v0);
+                path_px
             });
-            out.rows[*channel].push(row);
-            out.times_s[*channel].push(times_s[*instant]);
-            out.paths_px[*channel].push(path_px);
-        }
-        out
+            way.collect()
+        };
+        Self { times_s: rows.iter().map(times).collect(), paths_px: rows.iter().map(path).collect(), rows }
     }
 
     fn along(&self, along: Along) -> &[Vec<f64>] {
@@ -165,8 +160,7 @@ impl Channels {
 
 impl Colour {
     /// Finds the noise by restricted maximum likelihood (Patterson & Thompson 1971), in rounds of expectation
-    /// and maximisation (Dempster, Laird & Rubin 1977): what the unknowns have taken from the residuals is
-    /// given back to them.
+    /// and maximisation (Dempster, Laird & Rubin 1977).
     pub(crate) fn find(linear: &Linear, times_s: &[f64], channels: usize) -> Result<Self, IdentifyError> {
         let places = Channels::new(linear, times_s, channels);
         let mut found = Self::most_likely(&places, &DMatrix::from_rows(&[linear.residuals().transpose()]));
@@ -177,10 +171,8 @@ impl Colour {
             let root = covariance.cholesky().ok_or(IdentifyError::RankZero)?.l();
             let mut series = root.tr_mul(&linear.by()).insert_row(0, 0.0);
             series.set_row(0, &left.transpose());
-            let next = Self::most_likely(&places, &series);
-            let has_converged = next.is_like(&found);
-            found = next;
-            if has_converged {
+            let before = std::mem::replace(&mut found, Self::most_likely(&places, &series));
+            if found.is_like(&before) {
                 break;
             }
         }
@@ -267,7 +259,7 @@ fn likeliest(rows: &[usize], places: &[f64], series: &DMatrix<f64>, extents: &[f
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::normal;
+    use mavsight_random::Random;
 
     #[test]
     fn the_filter_is_the_inverse_root_of_the_covariance() {
@@ -322,15 +314,15 @@ mod tests {
         };
         for (along, extent) in [(Along::Path, 8.0), (Along::Time, 0.5)] {
             let coordinate = if along == Along::Path { &path } else { &times_s };
-            let mut seed = 5;
+            let mut random = Random::new(5, 0);
             let mut series = DMatrix::zeros(1, instants * channels);
             for channel in 0..channels {
-                let mut correlated = 3.0 * normal(&mut seed);
+                let mut correlated = 3.0 * random.normal();
                 for i in 0..instants {
                     let apart = if i == 0 { 0.0 } else { coordinate[i] - coordinate[i - 1] };
                     let kept = f64::exp(-apart / extent);
-                    correlated = kept * correlated + 3.0 * (1.0 - kept * kept).sqrt() * normal(&mut seed);
-                    series[(0, i * channels + channel)] = correlated + normal(&mut seed);
+                    correlated = kept * correlated + 3.0 * (1.0 - kept * kept).sqrt() * random.normal();
+                    series[(0, i * channels + channel)] = correlated + random.normal();
                 }
             }
             let found = Colour::most_likely(&places, &series);

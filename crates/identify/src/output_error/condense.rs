@@ -3,12 +3,13 @@
 use super::propagate::TANGENT;
 use super::shooting::{Evaluation, Place, gap_information};
 use crate::IdentifyError;
+use crate::inverse::inverse;
 use nalgebra::{DMatrix, DMatrixView, DVector};
 
 /// Added to a unit diagonal, so that a direction that is not determined keeps its value.
 const RIDGE: f64 = 1e-13;
 
-/// The quadratic of all segments in [start, parameters, nuisances, -1], and how all starts follow.
+/// The quadratic of all segments in [start, parameters, nuisances, -1].
 pub(crate) struct Condensed {
     quadratic: DMatrix<f64>,
     /// Start of each segment by the variables of the quadratic.
@@ -25,7 +26,7 @@ pub(crate) struct Penalty {
 
 impl Condensed {
     /// Folds the segments into the first from the last on: at each gap the next start is eliminated, with x =
-    /// u + c, u what the segment before leads to and c held near zero (Bock 1983; Albersmeyer & Diehl 2010).
+    /// u + c, u the end of the segment before and c held near zero (Bock 1983; Albersmeyer & Diehl 2010).
     pub(crate) fn new(at: &Evaluation, penalty: Penalty) -> Result<Self, IdentifyError> {
         let n = at.prior.nrows();
         // All but the nuisances and the constant.
@@ -66,7 +67,6 @@ impl Condensed {
         Ok(Self { quadratic: q, starts })
     }
 
-    /// Information on [start, parameters, nuisances].
     pub(crate) fn information(&self) -> DMatrix<f64> {
         let n = self.quadratic.ncols() - 1;
         self.quadratic.view((0, 0), (n, n)).into_owned()
@@ -111,7 +111,6 @@ pub(crate) struct Linear {
     /// A column for each row, the prior's last: its derivative by start, parameters and nuisances, and what
     /// was measured less what was predicted, in the units of the weights.
     pub(crate) rows: DMatrix<f64>,
-    /// Of the measured rows; instants ascend.
     pub(crate) places: Vec<Place>,
 }
 
@@ -133,7 +132,6 @@ impl Linear {
         Self { rows, places: at.places.clone() }
     }
 
-    /// Unknowns.
     pub(crate) fn unknowns(&self) -> usize {
         self.rows.nrows() - 1
     }
@@ -143,26 +141,19 @@ impl Linear {
         self.rows.view((0, 0), (self.unknowns(), self.places.len()))
     }
 
-    /// Residuals of the measured rows.
     pub(crate) fn residuals(&self) -> DVector<f64> {
         self.rows.row(self.unknowns()).columns(0, self.places.len()).transpose()
     }
 
-    /// Squares of all rows as a quadratic of the unknowns and -1.
-    fn quadratic(&self) -> DMatrix<f64> {
-        &self.rows * self.rows.transpose()
-    }
-
-    /// Information on all unknowns.
     pub(crate) fn information(&self) -> DMatrix<f64> {
-        let n = self.unknowns();
-        self.quadratic().view((0, 0), (n, n)).into_owned()
+        let by = self.rows.rows(0, self.unknowns());
+        by * by.transpose()
     }
 
     /// The step of the unknowns to the least squares, with the inverse of the information.
     pub(crate) fn step(&self, covariance: &DMatrix<f64>) -> DVector<f64> {
         let n = self.unknowns();
-        covariance * self.quadratic().view((0, n), (n, 1)).column(0)
+        covariance * (self.rows.rows(0, n) * self.rows.row(n).transpose())
     }
 
     /// Squares that a step of the unknowns makes.
@@ -170,17 +161,26 @@ impl Linear {
         self.rows.rows(0, self.unknowns()).tr_mul(step).norm_squared()
     }
 
-    /// Residuals by instant, from the first with a row, and channel; zero where nothing was seen.
+    /// Residuals by instant and channel; zero where nothing was seen.
     pub(crate) fn table(&self, channels: usize) -> DMatrix<f64> {
-        let (first, last) = (self.first_instant(), self.places.last().map_or(0, |p| p.instant));
-        let mut table = DMatrix::zeros(last - first + 1, channels);
+        let mut table = DMatrix::zeros(self.places.last().map_or(0, |p| p.instant) + 1, channels);
         for (place, r) in self.places.iter().zip(&self.residuals()) {
-            table[(place.instant - first, place.channel)] = *r;
+            table[(place.instant, place.channel)] = *r;
         }
         table
     }
 
-    pub(crate) fn first_instant(&self) -> usize {
-        self.places.first().map_or(0, |p| p.instant)
+    /// What is known of so many parameters, were all rows white.
+    pub(crate) fn bound(&self, parameters: usize) -> Result<Bound, IdentifyError> {
+        let all = inverse(&self.information()).ok_or(IdentifyError::RankZero)?;
+        let covariance = all.view((TANGENT, TANGENT), (parameters, parameters)).into_owned();
+        Ok(Bound { covariance, influence: all.rows(TANGENT, parameters) * self.by() })
     }
+}
+
+/// The bound of Cramér and Rao.
+pub(crate) struct Bound {
+    pub(crate) covariance: DMatrix<f64>,
+    /// What a unit of each row's noise does to the parameters: parameters by rows.
+    pub(crate) influence: DMatrix<f64>,
 }

@@ -1,13 +1,10 @@
 //! How well parameters are known: Cramér-Rao bounds, and their correction for coloured residuals.
 
-use super::condense::Linear;
-use super::propagate::TANGENT;
+use super::condense::{Bound, Linear};
 use crate::IdentifyError;
-use crate::inverse::inverse;
 use crate::robust_covariance::bartlett_sum;
 use nalgebra::DMatrix;
 
-/// Bounds and their correction.
 pub(crate) struct Covariance {
     /// Of the parameters, for white rows.
     pub(crate) bound: DMatrix<f64>,
@@ -16,17 +13,13 @@ pub(crate) struct Covariance {
     /// Of the parameters, for rows that are at times larger than at others; none where chance explains how
     /// they differ.
     pub(crate) uneven: Option<DMatrix<f64>>,
-    /// Instants over which rows are correlated.
     pub(crate) lag: usize,
 }
 
 impl Covariance {
     pub(crate) fn new(linear: &Linear, parameters: usize, channels: usize) -> Result<Self, IdentifyError> {
-        let all = inverse(&linear.information()).ok_or(IdentifyError::RankZero)?;
-        let bound = all.view((TANGENT, TANGENT), (parameters, parameters)).into_owned();
+        let Bound { covariance: bound, influence } = linear.bound(parameters)?;
         let lag = correlation_lag(linear, channels);
-        // What a unit of each row's noise does to the parameters: parameters by rows.
-        let influence = all.rows(TANGENT, parameters) * linear.by();
         let by_instant = Instants::new(linear, &influence, channels);
         // The priors' part of the bound is kept.
         let white = &influence * influence.transpose();
@@ -76,12 +69,11 @@ struct Instants {
 impl Instants {
     fn new(linear: &Linear, influence: &DMatrix<f64>, channels: usize) -> Self {
         let residuals = linear.table(channels);
-        let first = linear.first_instant();
         let mut by_instant = vec![DMatrix::zeros(influence.nrows(), channels); residuals.nrows()];
         let mut rows = vec![0; residuals.nrows()];
         for (place, influence) in linear.places.iter().zip(influence.column_iter()) {
-            by_instant[place.instant - first].set_column(place.channel, &influence);
-            rows[place.instant - first] += 1;
+            by_instant[place.instant].set_column(place.channel, &influence);
+            rows[place.instant] += 1;
         }
         Self { residuals, influence: by_instant, rows }
     }
@@ -142,7 +134,7 @@ impl Instants {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::normal;
+    use mavsight_random::Random;
 
     /// Residuals whose standard deviation is three in a tenth of the flight, that of the most informative
     /// instants, and one else.
@@ -156,9 +148,9 @@ mod tests {
                 DMatrix::from_fn(2, channels, |p, c| informative * ((p + 1) as f64 * (c + i) as f64).sin())
             })
             .collect();
-        let mut seed = 3;
+        let mut random = Random::new(3, 0);
         let mut drawn = |burst: f64| Instants {
-            residuals: DMatrix::from_fn(instants, channels, |i, _| std(i, burst) * normal(&mut seed)),
+            residuals: DMatrix::from_fn(instants, channels, |i, _| std(i, burst) * random.normal()),
             influence: influence.clone(),
             rows: vec![channels; instants],
         };

@@ -1,20 +1,19 @@
 //! The expected result of an output-error fit of a planned flight.
 
+use super::condense::Bound;
 use super::determined::{refuse_undetermined, typical};
 use super::fitter::{Begin, Fitter, Recorded, TIGHTNESS};
 use super::measure::{Measurements, StateMeasurement};
 use super::model::{FlightModel, ModelParameter};
 use super::options::OutputErrorOptions;
-use super::propagate::TANGENT;
 use super::row::whitener;
 use super::start::segment_starts;
 use crate::IdentifyError;
-use crate::inverse::{inverse, log_determinant};
+use crate::inverse::log_determinant;
 use mavsight_flight::{InputSeries, StateVector};
 use mavsight_geometry::Isometry3;
 use nalgebra::{DMatrix, DVector, Matrix6xX};
 
-/// Half-width of a normal 95 % interval.
 const NORMAL_95: f64 = 1.959_964;
 
 /// What is expected of one parameter.
@@ -77,7 +76,7 @@ pub fn expected_fit(
     if let Some(m) = measured.iter().find(|m| m.pose.is_none()) {
         return Err(IdentifyError::BadMeasurement { t_s: m.t_ns as f64 * 1e-9, what: "planned pose" });
     }
-    let measurements = Measurements::States(measured);
+    let measurements = Measurements::States(measured.clone());
     measurements.check()?;
     let starts = segment_starts(&measurements.times_s(), options.segment_s);
     let nodes = starts.into_iter().map(|k| (k, states[k])).collect();
@@ -85,10 +84,7 @@ pub fn expected_fit(
     let fitter = Fitter::new(model, begin, Recorded { inputs, measurements: &measurements }, options)?;
     let linear = fitter.linearised(TIGHTNESS[3])?;
     let undetermined = refuse_undetermined(&fitter, &linear).err().map(|e| e.to_string());
-    let all = inverse(&linear.information()).ok_or(IdentifyError::RankZero)?;
-    let p = model.free().len();
-    let covariance = all.view((TANGENT, TANGENT), (p, p)).into_owned();
-    let influence = all.rows(TANGENT, p) * linear.by();
+    let Bound { covariance, influence } = linear.bound(model.free().len())?;
     let typical: Vec<f64> = model.free().iter().map(|p| typical(*p, &fitter)).collect();
     let expected = |(k, parameter): (usize, &ModelParameter)| {
         let std = covariance[(k, k)].sqrt();
@@ -101,7 +97,6 @@ pub fn expected_fit(
         }
     };
     let parameters = model.free().iter().enumerate().map(expected).collect();
-    let Measurements::States(measured) = measurements else { return Err(IdentifyError::RankZero) };
     let states = states.to_vec();
     Ok(ExpectedFit { parameters, covariance, undetermined, states, measured, typical, influence })
 }
@@ -154,12 +149,10 @@ impl ExpectedFit {
         for (instant, y) in self.states.iter().enumerate() {
             residual.extend(measured.rows(instant, y)?.iter().map(|r| r.residual));
         }
-        let truth = DVector::from_iterator(self.parameters.len(), self.parameters.iter().map(|p| p.value));
-        let out = truth + &self.influence * DVector::from_vec(residual);
-        if out.iter().all(|v| v.is_finite()) {
-            return Ok(out);
-        }
-        Err(IdentifyError::BadMeasurement { t_s: self.measured[0].t_ns as f64 * 1e-9, what: "pose" })
+        let mut out = &self.influence * DVector::from_vec(residual);
+        out.iter_mut().zip(&self.parameters).for_each(|(value, p)| *value += p.value);
+        let bad = IdentifyError::BadMeasurement { t_s: self.measured[0].t_ns as f64 * 1e-9, what: "pose" };
+        Some(out).filter(|o| o.iter().all(|v| v.is_finite())).ok_or(bad)
     }
 
     /// Log of the determinant of the covariance of some parameters, by name: the generalised variance that a

@@ -1,19 +1,20 @@
-//! The iteration of an output-error fit.
+//! The iteration of an output-error fit, and its result.
 
-use super::assemble::assemble;
 use super::colour::Colour;
 use super::condense::Linear;
-use super::covariance;
-use super::determined::refuse_undetermined;
+use super::covariance::{Covariance, correlation_lag};
+use super::determined::{refuse_undetermined, typical};
 use super::fitter::{Fitter, LONGEST_STEP_S, PROMISE, Recorded, TIGHTNESS};
 use super::measure::Measurements;
-use super::model::FlightModel;
+use super::model::{FlightModel, ModelParameter};
 use super::options::{NoiseModel, OutputErrorOptions};
-use super::result::OutputErrorFit;
+use super::propagate::TANGENT;
+use super::result::{FittedParameter, OutputErrorFit, SystematicErrors};
 use super::start::begin;
-use crate::IdentifyError;
 use crate::inverse::inverse;
+use crate::{IdentifyError, student_quantile_975};
 use mavsight_flight::InputSeries;
+use nalgebra::DMatrix;
 
 /// The fit ends when the predicted decrease of the squares is below this: a hundredth of a standard
 /// deviation.
@@ -63,7 +64,7 @@ pub fn output_error(
         return Err(fitter.not_converged(tightness));
     }
     let channels = measurements.channels().len();
-    let correlated = options.noise == NoiseModel::Scaled && covariance::correlation_lag(&white, channels) > 0;
+    let correlated = options.noise == NoiseModel::Scaled && correlation_lag(&white, channels) > 0;
     let coloured = if correlated { fitter.weigh_colour(white.clone(), tightness)? } else { None };
     let (linear, colour) = coloured.map_or((white, None), |(linear, colour)| (linear, Some(colour)));
     assemble(&fitter, &linear, colour.as_ref())
@@ -105,4 +106,101 @@ impl Fitter<'_> {
         self.at = self.problem.evaluate(&self.point)?;
         Ok(None)
     }
+}
+
+/// `linear` is the flight about the fitted point, in rows of unit variance as far as `colour` explains them.
+fn assemble(
+    fitter: &Fitter<'_>,
+    linear: &Linear,
+    colour: Option<&Colour>,
+) -> Result<OutputErrorFit, IdentifyError> {
+    let problem = &fitter.problem;
+    let channels = problem.measurements.channels();
+    let p = fitter.free().len();
+    let known = Covariance::new(linear, p, channels.len())?;
+    let bound = known.bound;
+    let mut covariance = no_less_than(&bound, &known.coloured);
+    if let Some(uneven) = &known.uneven {
+        covariance = no_less_than(&covariance, uneven);
+    }
+    let degrees = linear.places.len().saturating_sub(p + TANGENT).max(1);
+    let t = student_quantile_975(degrees);
+    let fitted = |(k, parameter): (usize, &ModelParameter)| {
+        let (value, std) = (fitter.point.model.value(*parameter), covariance[(k, k)].sqrt());
+        FittedParameter {
+            parameter: *parameter,
+            name: parameter.name(),
+            value,
+            std,
+            bound_std: bound[(k, k)].sqrt(),
+            ci_low: value - t * std,
+            ci_high: value + t * std,
+            identifiable: t * std < typical(*parameter, fitter),
+        }
+    };
+    let parameters: Vec<FittedParameter> = fitter.free().iter().enumerate().map(fitted).collect();
+    let largest_gap_m = fitter.at.gaps().map(|gap| gap.fixed_rows::<3>(0).norm()).fold(0.0, f64::max);
+    let variances = colour.map(|c| c.variances().collect::<Vec<f64>>());
+    let factor = |(k, w): (usize, &f64)| w.powi(-2) * variances.as_ref().map_or(1.0, |v| v[k]);
+    let factors = problem.weights.iter().enumerate().map(factor);
+    let systematic = colour.map(|c| SystematicErrors { extent: c.extent(), share: c.correlated_share });
+    let notes = notes(&parameters, systematic, known.lag, known.uneven.is_some());
+    Ok(OutputErrorFit {
+        parameters,
+        covariance,
+        variance_factors: channels.into_iter().zip(factors).collect(),
+        systematic,
+        correlated_instants: known.lag,
+        reduced_chi_square: linear.residuals().norm_squared() / degrees as f64,
+        iterations: fitter.iterations,
+        largest_gap_m,
+        held_out: None,
+        notes,
+    })
+}
+
+/// The corrected covariance with no variance below its bound.
+fn no_less_than(bound: &DMatrix<f64>, coloured: &DMatrix<f64>) -> DMatrix<f64> {
+    let stretch = bound.diagonal().zip_map(&coloured.diagonal(), |b, c| (c / b).max(1.0).sqrt());
+    bound.component_mul(&(&stretch * stretch.transpose()))
+}
+
+fn notes(
+    parameters: &[FittedParameter],
+    systematic: Option<SystematicErrors>,
+    lag: usize,
+    uneven: bool,
+) -> Vec<String> {
+    let mut out = Vec::new();
+    if let Some(p) = parameters.iter().find(|p| p.parameter == ModelParameter::InputLag)
+        && (p.ci_low > 0.0 || p.ci_high < 0.0)
+    {
+        let (what, size) = if p.value > 0.0 { ("late", p.value) } else { ("early", -p.value) };
+        out.push(format!(
+            "The inputs act {:.1} ± {:.1} ms {what} by the clock of the measurements, which is more than chance: the fit allows for it, but check the clocks.",
+            1e3 * size,
+            1e3 * p.std
+        ));
+    }
+    if let Some(errors) = systematic {
+        out.push(format!(
+            "{:.0} % of the measurements' variance is correlated over about {}: a slow effect is missing from the model or the measurements; weights and standard deviations allow for it.",
+            100.0 * errors.share, errors.extent
+        ));
+    }
+    if lag > 0 {
+        out.push(format!(
+            "Residuals are correlated over {lag} instants for which no model was found; standard deviations allow for it."
+        ));
+    }
+    if uneven {
+        out.push(
+            "Residuals are larger at some times than at others; standard deviations allow for it.".to_owned(),
+        );
+    }
+    let vague: Vec<&str> = parameters.iter().filter(|p| !p.identifiable).map(|p| p.name).collect();
+    if !vague.is_empty() {
+        out.push(format!("The flight hardly determines {}.", vague.join(", ")));
+    }
+    out
 }

@@ -16,21 +16,17 @@ use nalgebra::DVector;
 pub(super) const TIGHTNESS: [f64; 4] = [3e-2, 3e-3, 1e-4, 1e-7];
 /// A stage ends when the predicted decrease of the squares is below this.
 pub(super) const PROMISE: [f64; 4] = [100.0, 100.0, 10.0, 0.1];
-/// Claimed noise is not believed to be more than a hundred times too large: exact data would drive the
-/// weights up for ever.
+/// Noise is not more than a hundred times smaller than claimed: exact data would drive weights up for ever.
 const LEAST_VARIANCE_FACTOR: f64 = 1e-4;
-/// The longest step of the integration on the way, and at the end, where it is below a micrometre of error
-/// over ten seconds.
+/// The longest step of the integration on the way, and at the end: a micrometre of error over ten seconds.
 pub(super) const LONGEST_STEP_S: [f64; 2] = [0.01, 0.005];
-/// As if each channel had so many more residuals of the mean size: a marker that a camera hardly sees gets no
-/// weight that its few residuals cannot bear.
+/// Residuals of the mean size that each channel has in addition: a few of its own bear no large weight.
 const MORE_RESIDUALS: f64 = 10.0;
 /// Standard deviation of the flapping angles at the start in trim, and free.
 const TRIM_STD_RAD: f64 = 1e-6;
 const FREE_STD_RAD: f64 = 0.2;
 
-/// Damping of a step that closes gaps and little else: all that is measured counts a hundred times as much as
-/// it weighs.
+/// Damping of a step that closes gaps and little else.
 const RESTORING: f64 = 100.0;
 /// Damping below this is none.
 const LEAST_DAMPING: f64 = 1e-3;
@@ -47,14 +43,12 @@ pub(crate) struct Fitter<'a> {
     pub(super) limit: usize,
 }
 
-/// Where the iteration begins.
 pub(super) struct Begin {
     pub(super) model: FlightModel,
     /// States with which the segments begin, each with its instant.
     pub(super) nodes: Vec<(usize, StateVector)>,
 }
 
-/// What was recorded of a flight.
 #[derive(Clone, Copy)]
 pub(super) struct Recorded<'a> {
     pub(super) inputs: &'a InputSeries,
@@ -116,18 +110,18 @@ impl<'a> Fitter<'a> {
 
     /// Weighs each channel by its residuals; the largest relative change of a variance.
     pub(super) fn rescale(&mut self, tightness: f64) -> Result<f64, IdentifyError> {
-        let mut channels = vec![(0.0, 0.0); self.problem.weights.len()];
+        let channels = self.problem.weights.len();
+        let (mut squares, mut counts) = (vec![0.0; channels], vec![0.0; channels]);
         for (place, residual) in self.at.places.iter().zip(self.at.residuals()) {
-            channels[place.channel].0 += residual * residual;
-            channels[place.channel].1 += 1.0;
+            squares[place.channel] += residual * residual;
+            counts[place.channel] += 1.0;
         }
         let rows = self.at.places.len() as f64;
         let free = 1.0 - self.effective_parameters(tightness)? / rows;
-        let mean = channels.iter().map(|c| c.0).sum::<f64>() / (rows * free);
+        let mean = squares.iter().sum::<f64>() / (rows * free);
         let mut change: f64 = 0.0;
-        let seen = self.problem.weights.iter_mut().zip(channels).filter(|(_, (_, count))| *count > 0.0);
-        for (weight, (squares, count)) in seen {
-            let factor = (squares / free + MORE_RESIDUALS * mean) / (count + MORE_RESIDUALS);
+        for (k, weight) in self.problem.weights.iter_mut().enumerate().filter(|(k, _)| counts[*k] > 0.0) {
+            let factor = (squares[k] / free + MORE_RESIDUALS * mean) / (counts[k] + MORE_RESIDUALS);
             let variance = (factor / (*weight * *weight)).max(LEAST_VARIANCE_FACTOR);
             change = change.max((variance * *weight * *weight - 1.0).abs());
             *weight = 1.0 / variance.sqrt();
@@ -152,7 +146,6 @@ impl<'a> Fitter<'a> {
         IdentifyError::FitNotConverged { iterations, squares: self.at.merit(tightness), promise }
     }
 
-    /// The free parameters.
     pub(crate) fn free(&self) -> &[ModelParameter] {
         self.point.model.free()
     }
@@ -162,9 +155,7 @@ impl<'a> Fitter<'a> {
     /// A step along the constraint opens the gaps by its square, which a tight penalty punishes: a step that
     /// raises the squares may stand (the watchdog of Chamberlain, Powell, Lemarechal & Pedersen 1982) if
     /// further ones, which close the gaps and hold the rest (the second-order correction of Fletcher 1982),
-    /// each leave less than half of what was too much and end below the squares before. Without holding the
-    /// rest they would go on along the constraint, where cameras, markers and start can move together, and
-    /// open the gaps again.
+    /// each leave less than half of what was too much and end below the squares before.
     pub(super) fn converge(&mut self, tightness: f64, promised: f64) {
         let mut damping: f64 = 0.0;
         let mut watched: Option<Watched> = None;

@@ -7,7 +7,7 @@ use super::{
     Disagreement, Estimates, ImageMeasurements, InitialFlapping, OutputErrorFit, OutputErrorOptions,
     disagreement, output_error,
 };
-use crate::{Identification, IdentifyError};
+use crate::{Estimator, Identification, IdentifyError};
 use mavsight_flight::{InputSample, InputSeries, Vehicle};
 use mavsight_pose::{BodyMarker, MarkerObservation, PoseSample, Rig};
 use nalgebra::{DMatrix, DVector};
@@ -67,14 +67,13 @@ pub struct FlightFits {
     speeds: Option<Speeds>,
 }
 
-/// Mean squares of rotor speeds, by which coefficients are made dimensionless.
+/// Mean squares of rotor speeds, by which coefficients are made dimensionless, over that of the mean of both
+/// rotors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Speeds {
-    upper2: f64,
-    lower2: f64,
-    /// Of the mean of both rotors.
-    mean2: f64,
-    reference2: f64,
+    upper: f64,
+    lower: f64,
+    reference: f64,
 }
 
 impl Speeds {
@@ -83,14 +82,11 @@ impl Speeds {
         let mean2 = |of: fn(&InputSample) -> f64| {
             samples.iter().map(|s| of(s).powi(2)).sum::<f64>() / samples.len() as f64
         };
-        let speeds = Self {
-            upper2: mean2(|s| s.omega_u_rad_s),
-            lower2: mean2(|s| s.omega_l_rad_s),
-            mean2: mean2(|s| 0.5 * (s.omega_u_rad_s + s.omega_l_rad_s)),
-            reference2: model.airframe.reference_speed_rad_s().powi(2),
-        };
-        let all = [speeds.upper2, speeds.lower2, speeds.mean2, speeds.reference2];
-        all.iter().all(|x| x.is_finite() && *x > 0.0).then_some(speeds)
+        let both = mean2(|s| 0.5 * (s.omega_u_rad_s + s.omega_l_rad_s));
+        let [upper, lower] = [mean2(|s| s.omega_u_rad_s), mean2(|s| s.omega_l_rad_s)].map(|m| m / both);
+        let reference = model.airframe.reference_speed_rad_s().powi(2) / both;
+        let is_ratio = |x: &f64| x.is_finite() && *x > 0.0;
+        [upper, lower, reference].iter().all(is_ratio).then_some(Self { upper, lower, reference })
     }
 
     /// A coefficient of equation 3 over that of the same name in the equations of motion
@@ -98,16 +94,15 @@ impl Speeds {
     /// rotor's own or the reference.
     fn equation_over_motion(&self, name: &str) -> f64 {
         match name.rsplit(',').next() {
-            Some("alpha_u" | "beta_u") => self.upper2 / self.mean2,
-            Some("alpha_l" | "beta_l") => self.lower2 / self.mean2,
-            _ => self.reference2 / self.mean2,
+            Some("alpha_u" | "beta_u") => self.upper,
+            Some("alpha_l" | "beta_l") => self.lower,
+            _ => self.reference,
         }
     }
 }
 
-/// A flight is fitted in one piece up to this length: a fit holds tens of kilobytes for each instant, so that
-/// a bound keeps memory constant; a minute is twenty time constants of the fly-bar, the slowest that is
-/// fitted, and six manoeuvres.
+/// A flight is fitted in one piece up to this length, since a fit holds tens of kilobytes for each instant: a
+/// minute is twenty time constants of the fly-bar, the slowest that is fitted, and six manoeuvres.
 const LONGEST_S: f64 = 60.0;
 
 /// Two estimates of the same parameters.
@@ -121,12 +116,10 @@ pub struct Comparison {
     pub test: Disagreement,
 }
 
-#[derive(Default)]
 struct NamedEstimates {
-    estimator: String,
+    estimator: &'static str,
     names: Vec<String>,
-    values: Vec<f64>,
-    covariance: DMatrix<f64>,
+    estimates: Estimates,
 }
 
 impl FlightFits {
@@ -154,24 +147,24 @@ impl FlightFits {
         let begins =
             stretch_s.is_none_or(|(from_s, _)| poses.first().is_some_and(|p| seconds(p.t_ns) >= from_s));
         let initial_flapping = if begins { InitialFlapping::Trim } else { InitialFlapping::Free };
+        let defaults = OutputErrorOptions { initial_flapping, ..OutputErrorOptions::default() };
         let poses = within(poses, stretch_s, |p| p.t_ns);
         let images =
             images.map(|i| Images { observations: within(i.observations, stretch_s, |o| o.t_ns), ..i });
         let fit = |measured: Result<Measurements, IdentifyError>| {
-            let (measured, defaults) =
-                (measured?, OutputErrorOptions { initial_flapping, ..OutputErrorOptions::default() });
-            let held = || output_error(&model, inputs, &measured, &defaults);
+            let measured = measured?;
+            let fit = |model: &FlightModel| output_error(model, inputs, &measured, &defaults);
             if options.clock == InputClock::Known {
-                return held();
+                return fit(&model);
             }
-            match output_error(&model.clone().with_free_lag(), inputs, &measured, &defaults) {
+            match fit(&model.clone().with_free_lag()) {
                 // Shifted times may lie outside the inputs, or the inputs may move too little to determine
                 // the lag.
                 Err(
                     IdentifyError::NotDetermined { .. }
                     | IdentifyError::Flight(_)
                     | IdentifyError::FitNotConverged { .. },
-                ) => held(),
+                ) => fit(&model),
                 fitted => fitted,
             }
         };
@@ -207,23 +200,19 @@ impl FlightFits {
 
     /// Whether the estimators disagree: each pair of these fits in all they share, and each with equation
     /// error by one estimator in what both call by the same name.
-    pub fn comparisons(
-        &self,
-        equation_error: Option<(&Identification, crate::Estimator)>,
-    ) -> Vec<Comparison> {
+    pub fn comparisons(&self, equation_error: Option<(&Identification, Estimator)>) -> Vec<Comparison> {
         let mut all: Vec<NamedEstimates> =
             equation_error.and_then(|(i, e)| of_equations(i, e, self.speeds)).into_iter().collect();
-        all.extend(self.named().map(|(name, fit)| NamedEstimates {
-            estimator: name.to_owned(),
+        all.extend(self.named().map(|(estimator, fit)| NamedEstimates {
+            estimator,
             names: fit.parameters.iter().map(|p| p.name.to_owned()).collect(),
-            values: fit.parameters.iter().map(|p| p.value).collect(),
-            covariance: fit.covariance.clone(),
+            estimates: Estimates {
+                values: fit.parameters.iter().map(|p| p.value).collect::<Vec<f64>>().into(),
+                covariance: fit.covariance.clone(),
+            },
         }));
-        let mut out = Vec::new();
-        for (k, first) in all.iter().enumerate() {
-            out.extend(all[k + 1..].iter().filter_map(|second| compare(first, second)));
-        }
-        out
+        let pairs = (0..all.len()).flat_map(|k| (k + 1..all.len()).map(move |l| (k, l)));
+        pairs.filter_map(|(k, l)| compare(&all[k], &all[l])).collect()
     }
 }
 
@@ -257,12 +246,10 @@ pub fn fitted_stretch_s(poses: &[PoseSample]) -> Option<(f64, f64)> {
         turns.sum::<f64>()
     };
     let last = ((end_s - begin_s - LONGEST_S) / (0.25 * LONGEST_S)).floor() as usize;
-    let starts = (0..=last).map(|k| begin_s + 0.25 * LONGEST_S * k as f64);
+    let starts = (0..=last).rev().map(|k| begin_s + 0.25 * LONGEST_S * k as f64);
     // Of equal ones the first.
-    let best = starts
-        .map(|s| (turned(s), s))
-        .fold((f64::NEG_INFINITY, begin_s), |a, b| if b.0 > a.0 { b } else { a });
-    Some((best.1, best.1 + LONGEST_S))
+    let best_s = starts.max_by(|a, b| turned(*a).total_cmp(&turned(*b)))?;
+    Some((best_s, best_s + LONGEST_S))
 }
 
 impl Images<'_> {
@@ -280,54 +267,46 @@ impl Images<'_> {
 /// its window.
 fn of_equations(
     identification: &Identification,
-    estimator: crate::Estimator,
+    estimator: Estimator,
     speeds: Option<Speeds>,
 ) -> Option<NamedEstimates> {
-    let mut out = NamedEstimates::default();
-    let mut blocks = Vec::new();
+    let (mut names, mut values, mut covariance) = (Vec::new(), Vec::new(), DMatrix::zeros(0, 0));
     for fit in identification.fits.iter().filter(|f| f.estimator == estimator) {
-        let mut columns = Vec::new();
-        let mut stds = Vec::new();
+        let (mut columns, mut stds) = (Vec::new(), Vec::new());
         for p in fit.parameters.iter().filter(|p| p.name != "0") {
             let name = format!("{},{}", fit.output, p.name);
             let column = fit.diagnostics.columns.iter().position(|c| *c == p.name);
             let (Some(value), Some(std), Some(column)) = (p.value, p.std, column) else { continue };
             if ModelParameter::from_name(&name).is_some() {
                 let scale = speeds.map_or(1.0, |s| s.equation_over_motion(&name));
-                out.names.push(name);
-                out.values.push(value / scale);
+                names.push(name);
+                values.push(value / scale);
                 columns.push(column);
                 stds.push(std / scale);
             }
         }
-        let stds = DVector::from_vec(stds);
+        let (before, stds) = (covariance.nrows(), DVector::from_vec(stds));
         let correlations = fit.diagnostics.correlations.select_rows(&columns).select_columns(&columns);
-        blocks.push(correlations.component_mul(&(&stds * stds.transpose())));
+        covariance = covariance.resize(names.len(), names.len(), 0.0);
+        let own = correlations.component_mul(&(&stds * stds.transpose()));
+        covariance.view_mut((before, before), own.shape()).copy_from(&own);
     }
-    out.estimator = estimator.name().to_owned();
-    out.covariance = DMatrix::zeros(out.names.len(), out.names.len());
-    let mut first = 0;
-    for block in blocks {
-        out.covariance.view_mut((first, first), block.shape()).copy_from(&block);
-        first += block.nrows();
-    }
-    (first > 0).then_some(out)
+    let estimates = Estimates { values: values.into(), covariance };
+    (!names.is_empty()).then_some(NamedEstimates { estimator: estimator.name(), names, estimates })
 }
 
 fn compare(first: &NamedEstimates, second: &NamedEstimates) -> Option<Comparison> {
     let place = |name: &String| second.names.iter().position(|n| n == name);
     let shared = first.names.iter().enumerate().filter_map(|(i, name)| Some((i, place(name)?)));
     let (a, b): (Vec<usize>, Vec<usize>) = shared.unzip();
-    let part = |e: &NamedEstimates, index: &[usize]| Estimates {
-        values: DVector::from_fn(index.len(), |k, _| e.values[index[k]]),
+    let part = |e: &Estimates, index: &[usize]| Estimates {
+        values: e.values.select_rows(index),
         covariance: e.covariance.select_rows(index).select_columns(index),
     };
-    let (one, other) = (part(first, &a), part(second, &b));
-    let test = disagreement(&one, &other).ok()?;
     Some(Comparison {
-        between: (first.estimator.clone(), second.estimator.clone()),
+        between: (first.estimator.to_owned(), second.estimator.to_owned()),
         parameters: a.iter().map(|i| first.names[*i].clone()).collect(),
-        test,
+        test: disagreement(&part(&first.estimates, &a), &part(&second.estimates, &b)).ok()?,
     })
 }
 

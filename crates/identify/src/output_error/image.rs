@@ -9,9 +9,8 @@ use mavsight_pose::{BodyMarker, MarkerObservation, PoseEstimator, Rig};
 use nalgebra::{DMatrix, Matrix2, Point3};
 
 /// Markers seen by the cameras of a rig over a flight, with nuisances: directions in which all predicted
-/// pixels may be off together, each a standard normal number times a displacement of every observation.
-///
-/// The displacements are taken at the poses of single instants, once: nuisances enter linearly.
+/// pixels may be off together, each a standard normal number times a displacement of every observation, taken
+/// at the poses of single instants.
 #[derive(Debug, Clone)]
 pub struct ImageMeasurements {
     cameras: Vec<Camera>,
@@ -20,7 +19,6 @@ pub struct ImageMeasurements {
     whiteners: Vec<Matrix2<f64>>,
     /// First observation of each instant, and the number of observations.
     first: Vec<usize>,
-    times_ns: Vec<i64>,
     poses: Vec<Option<Isometry3<f64>>>,
     /// What each nuisance does to the two whitened coordinates of each observation: nuisances × coordinates.
     directions: DMatrix<f64>,
@@ -42,37 +40,27 @@ impl ImageMeasurements {
         let cameras: Vec<Camera> = rig.cameras.iter().map(|c| c.camera).collect();
         let mut observations = observations.to_vec();
         observations.sort_by_key(|s| (s.t_ns, s.camera, s.marker));
-        let mut whiteners = Vec::with_capacity(observations.len());
-        for s in &observations {
+        let whitener = |s: &MarkerObservation| {
             let known = s.camera < cameras.len() && s.marker < markers.len();
             let w = whitener(&s.covariance_px2).filter(|_| known && s.pixel.iter().all(|v| v.is_finite()));
-            let bad = IdentifyError::BadMeasurement { t_s: s.t_ns as f64 * 1e-9, what: "marker observation" };
-            whiteners.push(w.ok_or(bad)?);
-        }
-        let (mut first, mut times_ns) = (Vec::new(), Vec::new());
-        for (k, s) in observations.iter().enumerate() {
-            if times_ns.last() != Some(&s.t_ns) {
-                times_ns.push(s.t_ns);
-                first.push(k);
-            }
-        }
-        first.push(observations.len());
+            let t_s = s.t_ns as f64 * 1e-9;
+            w.ok_or(IdentifyError::BadMeasurement { t_s, what: "marker observation" })
+        };
+        let whiteners = observations.iter().map(whitener).collect::<Result<_, _>>()?;
         let estimator = PoseEstimator::new(rig, markers);
-        let mut previous: Option<Isometry3<f64>> = None;
-        let mut poses = Vec::with_capacity(times_ns.len());
-        for (i, t_ns) in times_ns.iter().enumerate() {
-            let seen = &observations[first[i]..first[i + 1]];
-            let pose = estimator.estimate(*t_ns, seen, previous.as_ref()).ok().map(|e| e.world_from_body);
-            previous = pose.or(previous);
+        let (mut first, mut poses) = (vec![0], Vec::<Option<Isometry3<f64>>>::new());
+        for seen in observations.chunk_by(|a, b| a.t_ns == b.t_ns) {
+            let previous = poses.iter().rev().flatten().next();
+            let pose = estimator.estimate(seen[0].t_ns, seen, previous).ok().map(|e| e.world_from_body);
             poses.push(pose);
+            first.push(first[first.len() - 1] + seen.len());
         }
         let known = poses.iter().flatten().count();
         if known < 4 {
-            return Err(IdentifyError::NoStart { known });
+            return Err(IdentifyError::NoStart(known));
         }
-        let markers = markers.to_vec();
         let directions = DMatrix::zeros(0, 2 * observations.len());
-        Ok(Self { cameras, markers, observations, whiteners, first, times_ns, poses, directions })
+        Ok(Self { cameras, markers: markers.to_vec(), observations, whiteners, first, poses, directions })
     }
 
     /// Adds so many nuisances by the displacements in pixels that a standard deviation of each makes of an
@@ -145,16 +133,13 @@ impl ImageMeasurements {
     }
 
     pub(crate) fn times_s(&self) -> Vec<f64> {
-        self.times_ns.iter().map(|t| *t as f64 * 1e-9).collect()
+        let instants = &self.first[..self.poses.len()];
+        instants.iter().map(|k| self.observations[*k].t_ns as f64 * 1e-9).collect()
     }
 
     pub(crate) fn channels(&self) -> Vec<String> {
-        let markers = &self.markers;
-        (0..self.cameras.len())
-            .flat_map(|c| {
-                markers.iter().flat_map(move |m| ["u", "v"].map(|a| format!("camera {c} {} {a}", m.name)))
-            })
-            .collect()
+        let all = (0..self.cameras.len()).flat_map(|c| self.markers.iter().map(move |m| (c, m)));
+        all.flat_map(|(c, m)| ["u", "v"].map(|axis| format!("camera {c} {} {axis}", m.name))).collect()
     }
 
     pub(crate) fn nuisances(&self) -> usize {

@@ -17,9 +17,8 @@ pub struct StateMeasurement {
     pub t_ns: i64,
     /// Pose, and the covariance of position (world axes, m²) and of a small turn about body axes (rad²).
     pub pose: Option<(Isometry3<f64>, Matrix6<f64>)>,
-    /// Effect of systematic errors on the pose, in addition to that covariance: a column for each independent
-    /// direction, one standard deviation along it, the same directions at all instants. Six rows of as many
-    /// numbers as there are directions, whitened by the covariance; empty: none.
+    /// Effect of systematic errors on the pose, in addition to that covariance: six rows of one standard
+    /// deviation along each independent direction, whitened by the covariance; empty: none.
     systematic: Box<[f64]>,
 }
 
@@ -103,7 +102,6 @@ impl Measurements {
         }
     }
 
-    /// Rows of one instant at a state.
     pub(crate) fn rows(&self, instant: usize, y: &StateVector) -> Result<Vec<Row<'_>>, IdentifyError> {
         match self {
             Self::States(s) => pose_rows(&s[instant], y),

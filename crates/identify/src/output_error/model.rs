@@ -1,7 +1,7 @@
 //! The model of a fit: which coefficients are free, and where they start.
 
 use crate::{IdentifyError, independent_columns};
-use mavsight_flight::{Airframe, Coefficient, Coefficients, InputSeries, Vehicle};
+use mavsight_flight::{Airframe, Coefficient, Coefficients, InputSample, InputSeries, Vehicle};
 use nalgebra::DMatrix;
 
 /// A number that a fit may free.
@@ -95,13 +95,14 @@ impl FlightModel {
     /// [`IdentifyError::UnknownParameter`]; repeated names count once.
     pub fn with_free(mut self, names: &[&str]) -> Result<Self, IdentifyError> {
         self.free.clear();
-        for name in names {
-            let parameter = known(name)?;
-            if !self.free.contains(&parameter) {
-                self.free.push(parameter);
-            }
-        }
+        names.iter().try_for_each(|name| known(name).map(|parameter| self.make_free(parameter)))?;
         Ok(self)
+    }
+
+    fn make_free(&mut self, parameter: ModelParameter) {
+        if !self.free.contains(&parameter) {
+            self.free.push(parameter);
+        }
     }
 
     /// Sets the value that a fit starts from, or holds where the parameter is fixed.
@@ -138,9 +139,7 @@ impl FlightModel {
     /// This model with the lag of the inputs free as well.
     #[must_use]
     pub fn with_free_lag(mut self) -> Self {
-        if !self.free.contains(&ModelParameter::InputLag) {
-            self.free.push(ModelParameter::InputLag);
-        }
+        self.make_free(ModelParameter::InputLag);
         self
     }
 
@@ -172,13 +171,11 @@ impl FlightModel {
         self.set(parameter, to);
     }
 
-    /// Whether flapping times are positive and everything is finite.
     pub(crate) fn is_physical(&self) -> bool {
+        let is_long = |tau| self.coefficients.get(tau) >= MIN_FLAP_TIME_S;
         self.coefficients.values.iter().all(|v| v.is_finite())
             && self.input_lag_s.is_finite()
-            && [Coefficient::TauLower, Coefficient::TauFlybar]
-                .iter()
-                .all(|tau| self.coefficients.get(*tau) >= MIN_FLAP_TIME_S)
+            && [Coefficient::TauLower, Coefficient::TauFlybar].into_iter().all(is_long)
     }
 }
 
@@ -195,25 +192,15 @@ fn known(name: &str) -> Result<ModelParameter, IdentifyError> {
 
 fn default_free(inputs: &InputSeries) -> Vec<Coefficient> {
     use Coefficient as C;
-    let moves = |value: &dyn Fn(&mavsight_flight::InputSample) -> f64| {
+    let moves = |value: fn(&InputSample) -> f64| {
         let values = inputs.samples().iter().map(value);
         let (low, high) = values.fold((f64::MAX, f64::MIN), |(a, b), v| (a.min(v), b.max(v)));
         high - low > 1e-9 * high.abs().max(1.0)
     };
-    let mut free = vec![
-        C::CxAlphaU,
-        C::CxAlphaL,
-        C::CmAlphaU,
-        C::CmAlphaL,
-        C::CmQ,
-        C::TauLower,
-        C::TauFlybar,
-        C::Cx0,
-        C::Cy0,
-        C::Cl0,
-        C::Cm0,
-    ];
-    if moves(&|s| s.delta_lat_rad) {
+    let mut free =
+        vec![C::CxAlphaU, C::CxAlphaL, C::CmAlphaU, C::CmAlphaL, C::CmQ, C::TauLower, C::TauFlybar];
+    free.extend([C::Cx0, C::Cy0, C::Cl0, C::Cm0]);
+    if moves(|s| s.delta_lat_rad) {
         free.push(C::ClP);
     }
     // Rotors that go together say only what both do.
@@ -222,7 +209,7 @@ fn default_free(inputs: &InputSeries) -> Vec<Coefficient> {
         [s.omega_u_rad_s, s.omega_l_rad_s][j].powi(2)
     });
     let apart = independent_columns(&squares, &[0.0; 2]).independent.len() == 2;
-    if moves(&|s| s.omega_u_rad_s) && moves(&|s| s.omega_l_rad_s) && apart {
+    if moves(|s| s.omega_u_rad_s) && moves(|s| s.omega_l_rad_s) && apart {
         free.extend([C::CzU, C::CzL, C::CnUpper, C::CnLower, C::CnR]);
     } else {
         free.extend([C::Cz0, C::Cn0]);
@@ -233,7 +220,6 @@ fn default_free(inputs: &InputSeries) -> Vec<Coefficient> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mavsight_flight::InputSample;
 
     #[test]
     fn thrusts_are_free_where_rotors_move_and_not_by_the_same_part() {

@@ -12,14 +12,11 @@ pub(crate) const SEEN: usize = 6;
 
 /// Steps per flapping time constant, at least: the error of a step is then (1/5)⁵/120 of the transient.
 const STEPS_PER_FLAP_TIME: f64 = 5.0;
-/// Events nearer than this are one.
 const SAME_TIME_S: f64 = 1e-9;
 
-/// One step of constant inputs.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Step {
     pub(crate) h_s: f64,
-    /// Index of the input that holds.
     pub(crate) input: usize,
     /// The input changes to another at the end of the step.
     pub(crate) changes_to: Option<usize>,
@@ -27,7 +24,6 @@ pub(crate) struct Step {
     pub(crate) instant: Option<usize>,
 }
 
-/// What divides a flight into steps.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Raster<'a> {
     pub(crate) inputs: &'a [InputSample],
@@ -87,7 +83,6 @@ pub(crate) struct Propagator {
 const STAGES: [(f64, f64); 4] = [(0.5, 1.0 / 6.0), (0.5, 1.0 / 3.0), (1.0, 1.0 / 3.0), (0.0, 1.0 / 6.0)];
 
 impl Propagator {
-    /// At a state.
     pub(crate) fn new(free: &[ModelParameter], y: &StateVector) -> Self {
         let mut by = DMatrix::zeros(TANGENT + free.len(), FLIGHT_STATES);
         (0..3).for_each(|k| by[(k, k)] = 1.0);
@@ -156,7 +151,6 @@ impl Propagator {
         out
     }
 
-    /// Whether nothing has run away.
     pub(crate) fn is_finite(&self) -> bool {
         self.y.iter().chain(&self.by).all(|v| v.is_finite())
     }
@@ -166,18 +160,13 @@ pub(crate) fn attitude(y: &StateVector) -> UnitQuaternion<f64> {
     UnitQuaternion::from_quaternion(Quaternion::new(y[3], y[4], y[5], y[6]))
 }
 
-/// A state moved by its degrees of freedom.
 pub(crate) fn moved(y: &StateVector, d: &[f64]) -> StateVector {
     let q = attitude(y) * UnitQuaternion::from_scaled_axis(Vector3::new(d[3], d[4], d[5]));
-    let mut out = *y;
-    for k in 0..3 {
-        out[k] += d[k];
-    }
-    (out[3], out[4], out[5], out[6]) = (q.w, q.i, q.j, q.k);
-    for k in 6..TANGENT {
-        out[k + 1] += d[k];
-    }
-    out
+    std::array::from_fn(|k| match k {
+        0..=2 => y[k] + d[k],
+        3..=6 => [q.w, q.i, q.j, q.k][k - 3],
+        _ => y[k] + d[k - 1],
+    })
 }
 
 /// The degrees of freedom that lead from one state to another.

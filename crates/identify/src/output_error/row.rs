@@ -28,7 +28,6 @@ where
     inverse.iter().all(|v| v.is_finite()).then_some(inverse)
 }
 
-/// The pose in the world of a state.
 pub(crate) fn pose_of(y: &StateVector) -> Isometry3<f64> {
     Isometry3::from_parts(Vector3::new(y[0], y[1], y[2]).into(), world_from_level() * attitude(y))
 }

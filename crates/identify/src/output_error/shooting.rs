@@ -9,13 +9,11 @@ use crate::IdentifyError;
 use mavsight_flight::{FLIGHT_STATES, InputSample, StateVector};
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
-/// What a fit varies.
 #[derive(Debug, Clone)]
 pub(crate) struct Point {
     pub(crate) model: FlightModel,
     /// Whitened nuisances.
     pub(crate) nuisances: DVector<f64>,
-    /// State at the start of each segment.
     pub(crate) starts: Vec<StateVector>,
 }
 
@@ -46,20 +44,17 @@ pub(crate) struct Shooting<'a> {
     pub(crate) weights: Vec<f64>,
     /// Flapping times and the lag keep their values.
     pub(crate) hold_times: bool,
-    /// The longest step of the integration.
     pub(crate) longest_step_s: f64,
     /// Inverse standard deviations and mean of the start's degrees of freedom.
     pub(crate) prior_weights: [f64; TANGENT],
     pub(crate) prior_start: StateVector,
 }
 
-/// How far the end of one segment may miss the start of the next: standard deviations per degree of freedom,
-/// to be multiplied by the tightness: m, rad, m/s, rad/s, rad. A penalty stands for the constraint; what it
-/// leaves open is far below the resolution of any measurement.
+/// Standard deviations of the gap from the end of one segment to the start of the next, to be multiplied by
+/// the tightness: m, rad, m/s, rad/s, rad.
 const GAP_STD: [f64; TANGENT] =
     [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 3.0, 3.0, 3.0, 10.0, 10.0, 10.0, 1.0, 1.0, 1.0, 1.0];
 
-/// Inverse covariance of a gap.
 pub(crate) fn gap_information(tightness: f64) -> SMatrix<f64, TANGENT, TANGENT> {
     SMatrix::from_diagonal(&SVector::from(GAP_STD.map(|s| (s * tightness).powi(-2))))
 }
@@ -72,7 +67,6 @@ pub(crate) struct Segment {
     pub(crate) next: DMatrix<f64>,
 }
 
-/// Where a row belongs.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Place {
     pub(crate) instant: usize,
@@ -81,24 +75,20 @@ pub(crate) struct Place {
     pub(crate) pixel: [f64; 2],
 }
 
-/// All segments at a point.
 pub(crate) struct Evaluation {
     pub(crate) segments: Vec<Segment>,
     /// What is known before the flight of the first segment's variables, as columns like those of a segment.
     pub(crate) prior: DMatrix<f64>,
-    /// Of the rows of all segments.
     pub(crate) places: Vec<Place>,
-    /// State at each instant.
     pub(crate) states: Vec<StateVector>,
 }
 
-/// Last entries of columns: their residuals.
+/// The residuals of rows, which are columns here: their last entries.
 fn residuals(rows: &DMatrix<f64>) -> impl Iterator<Item = f64> {
     rows.column_iter().map(|c| c[c.len() - 1])
 }
 
 impl Evaluation {
-    /// Weighted residuals of all rows.
     pub(crate) fn residuals(&self) -> impl Iterator<Item = f64> {
         self.segments.iter().flat_map(|s| residuals(&s.rows))
     }
@@ -108,7 +98,6 @@ impl Evaluation {
         self.segments.iter().map(|s| s.next.fixed_view::<TANGENT, 1>(0, s.next.ncols() - 1).into_owned())
     }
 
-    /// Weighted squares of rows, priors and gaps.
     pub(crate) fn merit(&self, tightness: f64) -> f64 {
         let information = gap_information(tightness);
         let squares: f64 = self.residuals().chain(residuals(&self.prior)).map(|r| r * r).sum();
@@ -125,7 +114,6 @@ impl Shooting<'_> {
         raster.steps(self.times_s[from], self.times_s[to], model, from + 1..to + usize::from(last))
     }
 
-    /// Flies all segments.
     pub(crate) fn evaluate(&self, point: &Point) -> Result<Evaluation, IdentifyError> {
         let n = TANGENT + point.model.free().len() + point.nuisances.len() + 1;
         let mut out = Evaluation {
@@ -145,7 +133,7 @@ impl Shooting<'_> {
                 }
             }
             if !flyer.is_finite() {
-                return Err(IdentifyError::RanAway { t_s: self.times_s[self.bounds[s]] });
+                return Err(IdentifyError::RanAway(self.times_s[self.bounds[s]]));
             }
             let by = self.sensitivity(&flyer, point);
             let mut next = DMatrix::zeros(TANGENT, n);

@@ -4,9 +4,9 @@ use super::fitter::{Begin, Recorded};
 use super::model::{FlightModel, ModelParameter};
 use crate::IdentifyError;
 use mavsight_flight::flapping::{Between, first_order_response, interpolate};
-use mavsight_flight::{Coefficient, InputSample, InputSeries, StateVector};
+use mavsight_flight::{Coefficient as C, InputSample, InputSeries, StateVector};
 use mavsight_geometry::{Isometry3, Matrix3, Vector3, world_from_level};
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, Matrix3x6, Vector6};
 
 /// Poses within this of an instant give its velocity, rates and accelerations: nine at 30 Hz.
 const WINDOW_S: f64 = 0.135;
@@ -37,7 +37,7 @@ pub(crate) fn begin(
     let times_s = measurements.times_s();
     let poses = measurements.poses();
     if poses.len() < 4 {
-        return Err(IdentifyError::NoStart { known: poses.len() });
+        return Err(IdentifyError::NoStart(poses.len()));
     }
     let t_s: Vec<f64> = poses.iter().map(|(i, _)| times_s[*i]).collect();
     let local: Vec<Local> = (0..poses.len()).map(|k| Local::at(k, &t_s, &poses)).collect();
@@ -49,66 +49,50 @@ pub(crate) fn begin(
         [p.x, p.y, p.z, q.w, q.i, q.j, q.k, v.x, v.y, v.z, w.x, w.y, w.z, f[0], f[1], f[2], f[3]]
     };
     let nodes = segment_starts(&t_s, segment_s).into_iter().map(|k| (poses[k].0, state(k))).collect();
-    let rows: Vec<Moving> = (0..poses.len())
-        .filter_map(|k| {
-            let (d, input) = (&local[k], inputs.at(t_s[k] - model.input_lag_s)?);
-            // Local polynomials give the acceleration in axes that do not turn.
-            let velocity_rate = d.acceleration - d.rates.cross(&d.velocity_in_body);
-            Some(Moving { input, state: state(k), velocity_rate, rate_rate: d.angular_acceleration })
-        })
-        .collect();
+    let moving = |k: usize| {
+        let input = inputs.at(t_s[k] - model.input_lag_s)?;
+        Some(Moving { input, state: state(k), local: &local[k] })
+    };
+    let rows: Vec<Moving<'_>> = (0..poses.len()).filter_map(moving).collect();
     Ok(Begin { model: rough(model, &rows), nodes })
 }
 
 /// Inputs and state at an instant, with the state's accelerations.
-struct Moving {
+struct Moving<'a> {
     input: InputSample,
     state: StateVector,
-    velocity_rate: Vector3<f64>,
-    rate_rate: Vector3<f64>,
+    local: &'a Local,
 }
 
 /// Coefficients that are nearest to the accelerations, by least squares with a weak pull towards those given;
 /// flapping times, linkages and the lag keep their values. Good for a start alone: the polynomials flatten
 /// what is fast.
-fn rough(model: &FlightModel, rows: &[Moving]) -> FlightModel {
-    let linear: Vec<Coefficient> = model
-        .free()
-        .iter()
-        .filter_map(|p| match p {
-            ModelParameter::Coefficient(
-                Coefficient::TauLower
-                | Coefficient::TauFlybar
-                | Coefficient::SwashplateGain
-                | Coefficient::FlybarGain,
-            )
-            | ModelParameter::InputLag => None,
-            ModelParameter::Coefficient(c) => Some(*c),
-        })
-        .collect();
+fn rough(model: &FlightModel, rows: &[Moving<'_>]) -> FlightModel {
+    let linear = |p: &ModelParameter| match p {
+        ModelParameter::Coefficient(C::TauLower | C::TauFlybar | C::SwashplateGain | C::FlybarGain)
+        | ModelParameter::InputLag => None,
+        ModelParameter::Coefficient(c) => Some(*c),
+    };
+    let linear: Vec<C> = model.free().iter().filter_map(linear).collect();
     let n = linear.len();
     let mut normal = DMatrix::<f64>::zeros(n, n);
     let mut right = DVector::<f64>::zeros(n);
-    for Moving { input, state, velocity_rate, rate_rate } in rows {
+    for Moving { input, state, local } in rows {
         let at = model.airframe.linearise(&model.coefficients, input, state);
         let predicted = model.airframe.derivative(&model.coefficients, input, state);
-        for (row, measured) in (7..13).zip(velocity_rate.iter().chain(rate_rate)) {
-            let error = measured - predicted[row];
+        for (row, measured) in (7..13).zip(local.velocity_rate.iter().chain(&local.rate_rate)) {
             let by = DVector::from_fn(n, |k, _| at.by_coefficient[row][linear[k] as usize]);
             normal.ger(1.0, &by, &by, 1.0);
-            right.axpy(error, &by, 1.0);
+            right.axpy(measured - predicted[row], &by, 1.0);
         }
     }
     for k in 0..n {
         normal[(k, k)] = normal[(k, k)] * (1.0 + PULL) + f64::MIN_POSITIVE.sqrt();
     }
     let mut out = model.clone();
-    if let Some(step) = normal.cholesky().map(|c| c.solve(&right))
-        && step.iter().all(|v| v.is_finite())
-    {
-        for (c, d) in linear.iter().zip(step.iter()) {
-            out.coefficients.set(*c, model.coefficients.get(*c) + d);
-        }
+    let step = normal.cholesky().map(|c| c.solve(&right)).filter(|s| s.iter().all(|v| v.is_finite()));
+    for (c, d) in linear.iter().zip(step.iter().flatten()) {
+        out.coefficients.set(*c, model.coefficients.get(*c) + d);
     }
     out
 }
@@ -117,16 +101,17 @@ fn rough(model: &FlightModel, rows: &[Moving]) -> FlightModel {
 /// are alike.
 const PULL: f64 = 1e-3;
 
+/// What a local polynomial says of an instant, in body axes.
 struct Local {
     velocity_in_body: Vector3<f64>,
     rates: Vector3<f64>,
-    acceleration: Vector3<f64>,
-    angular_acceleration: Vector3<f64>,
+    velocity_rate: Vector3<f64>,
+    rate_rate: Vector3<f64>,
 }
 
 impl Local {
     fn at(k: usize, t_s: &[f64], poses: &[(usize, Isometry3<f64>)]) -> Self {
-        let here = poses[k].1;
+        let back = poses[k].1.inverse();
         let (mut a, mut b) = (k, k);
         while b - a < 4 || t_s[b] - t_s[k] < WINDOW_S || t_s[k] - t_s[a] < WINDOW_S {
             let can_left = a > 0 && (t_s[k] - t_s[a - 1] <= WINDOW_S || b - a < 4);
@@ -137,36 +122,29 @@ impl Local {
             a -= usize::from(can_left);
             b += usize::from(can_right);
         }
-        // Least squares of c0 + c1 τ + c2 τ².
-        let mut normal = Matrix3::zeros();
-        let (mut place, mut turn) = (Matrix3::zeros(), Matrix3::zeros());
+        // Least squares of c0 + c1 τ + c2 τ² for place and turn.
+        let (mut normal, mut right) = (Matrix3::zeros(), Matrix3x6::zeros());
         for i in a..=b {
             let tau = t_s[i] - t_s[k];
             let powers = Vector3::new(1.0, tau, tau * tau);
+            let moved = back * poses[i].1;
+            let (place, turn) = (moved.translation.vector, moved.rotation.scaled_axis());
             normal += powers * powers.transpose();
-            let offset = poses[i].1.translation.vector - here.translation.vector;
-            let rotation = (here.rotation.inverse() * poses[i].1.rotation).scaled_axis();
-            place += powers * offset.transpose();
-            turn += powers * rotation.transpose();
+            right += powers * Vector6::new(place.x, place.y, place.z, turn.x, turn.y, turn.z).transpose();
         }
-        let inverse = normal.try_inverse().unwrap_or_else(Matrix3::zeros);
-        let back = here.rotation.inverse();
-        let (place, turn) = (inverse * place, inverse * turn);
-        let row = |m: &Matrix3<f64>, k: usize| -> Vector3<f64> { m.row(k).transpose() };
-        Self {
-            velocity_in_body: back * row(&place, 1),
-            rates: row(&turn, 1),
-            acceleration: back * row(&place, 2) * 2.0,
-            angular_acceleration: row(&turn, 2) * 2.0,
-        }
+        let fitted = normal.try_inverse().unwrap_or_else(Matrix3::zeros) * right;
+        let part = |power: usize, first: usize| fitted.fixed_view::<1, 3>(power, first).transpose();
+        let (velocity_in_body, rates) = (part(1, 0), part(1, 3));
+        // Local polynomials give the acceleration in axes that do not turn.
+        let velocity_rate = part(2, 0) * 2.0 - rates.cross(&velocity_in_body);
+        Self { velocity_in_body, rates, velocity_rate, rate_rate: part(2, 3) * 2.0 }
     }
 }
 
 /// alpha_l, beta_l, alpha_f, beta_f at the times, from rest.
 fn flapping(model: &FlightModel, inputs: &InputSeries, t_s: &[f64], local: &[Local]) -> Vec<[f64; 4]> {
-    let c = &model.coefficients;
-    let (tau_l, tau_f) = (c.get(Coefficient::TauLower), c.get(Coefficient::TauFlybar));
-    let kb = c.get(Coefficient::SwashplateGain);
+    let [tau_l, tau_f, kb] =
+        [C::TauLower, C::TauFlybar, C::SwashplateGain].map(|c| model.coefficients.get(c));
     let samples = inputs.samples();
     let input_t_s: Vec<f64> = samples.iter().map(|s| s.t_s + model.input_lag_s).collect();
     let swash = |delta: fn(&InputSample) -> f64| -> Vec<f64> {

@@ -1,17 +1,8 @@
 //! One exact and two noisy columns, n = 1800: how far total least squares strays, and how far it says so.
 
 use mavsight_identify::{Correlation, total_least_squares};
+use mavsight_random::Random;
 use nalgebra::{Cholesky, DMatrix, DVector};
-
-/// A standard normal number (Box & Muller 1958) from a linear congruential generator (Knuth's MMIX
-/// constants).
-fn normal(state: &mut u64) -> f64 {
-    let mut uniform = || {
-        *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        ((*state >> 11) as f64 + 0.5) / (1_u64 << 53) as f64
-    };
-    (-2.0 * uniform().ln()).sqrt() * (2.0 * std::f64::consts::PI * uniform()).cos()
-}
 
 /// Errors of three columns, the second and third of the regressors and the output, correlated among each
 /// other and from row to row by an autoregression.
@@ -22,14 +13,14 @@ struct Noise {
 }
 
 impl Noise {
-    fn new(covariance: &DMatrix<f64>, rho: f64, seed: &mut u64) -> Self {
+    fn new(covariance: &DMatrix<f64>, rho: f64, random: &mut Random) -> Self {
         let lower = Cholesky::new(covariance.clone()).expect("positive definite").unpack();
-        let state = &lower * DVector::from_fn(3, |_, _| normal(seed));
+        let state = &lower * DVector::from_fn(3, |_, _| random.normal());
         Self { lower, rho, state }
     }
 
-    fn next(&mut self, seed: &mut u64) -> &DVector<f64> {
-        let fresh = &self.lower * DVector::from_fn(3, |_, _| normal(seed));
+    fn next(&mut self, random: &mut Random) -> &DVector<f64> {
+        let fresh = &self.lower * DVector::from_fn(3, |_, _| random.normal());
         self.state = &self.state * self.rho + fresh * (1.0 - self.rho * self.rho).sqrt();
         &self.state
     }
@@ -45,17 +36,17 @@ pub(crate) fn ratios(
 ) -> (DVector<f64>, DVector<f64>) {
     let (rows, truth) = (1800, DVector::from_vec(vec![0.5, 2.0, -1.0]));
     let full = errors.clone().insert_row(0, 0.0).insert_column(0, 0.0);
-    let mut seed = 11;
+    let mut random = Random::new(11, 0);
     let (mut sum, mut squares, mut predicted) = (DVector::zeros(3), DVector::zeros(3), DVector::zeros(3));
     for _ in 0..runs {
-        let mut noise = Noise::new(errors, rho, &mut seed);
+        let mut noise = Noise::new(errors, rho, &mut random);
         let mut x = DMatrix::zeros(rows, 3);
         let mut y = DVector::zeros(rows);
         for i in 0..rows {
             let t = i as f64;
             let clean =
                 [1.0, (0.05 * t).sin() + 0.4 * (0.31 * t).cos(), (0.013 * t * (1.0 + 2e-4 * t)).cos()];
-            let e = noise.next(&mut seed);
+            let e = noise.next(&mut random);
             for j in 0..3 {
                 x[(i, j)] = clean[j] + if j > 0 { e[j - 1] } else { 0.0 };
                 y[i] += truth[j] * clean[j];

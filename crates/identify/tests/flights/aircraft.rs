@@ -3,18 +3,9 @@
 use mavsight_flight::{InputSeries, Vehicle, hover_rotor_speed_rad_s};
 use mavsight_geometry::{UnitQuaternion, Vector3, world_from_body};
 use mavsight_pose::{Motion, MotionSample, PoseEstimate, PoseSample, smooth};
+use mavsight_random::Random;
 use mavsight_simulator::{Channel, FlightState, Maneuver, Scenario, model_coefficients, simulate};
 use nalgebra::{Matrix6, Translation3};
-
-/// A standard normal number (Box & Muller 1958) from a linear congruential generator (Knuth's MMIX
-/// constants).
-pub(crate) fn normal(state: &mut u64) -> f64 {
-    let mut uniform = || {
-        *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        ((*state >> 11) as f64 + 0.5) / (1_u64 << 53) as f64
-    };
-    (-2.0 * uniform().ln()).sqrt() * (2.0 * std::f64::consts::PI * uniform()).cos()
-}
 
 pub(crate) struct Flown {
     pub(crate) vehicle: Vehicle,
@@ -113,19 +104,24 @@ impl Flown {
 
     /// Poses with white noise, as the cameras of the paper leave it: 0.6 mm and 0.08 degrees an axis by
     /// default.
-    pub(crate) fn poses(&self, position_std_m: f64, turn_std_rad: f64, seed: &mut u64) -> Vec<PoseSample> {
+    pub(crate) fn poses(
+        &self,
+        position_std_m: f64,
+        turn_std_rad: f64,
+        random: &mut Random,
+    ) -> Vec<PoseSample> {
         let mut covariance = Matrix6::zeros();
         for k in 0..3 {
             covariance[(k, k)] = position_std_m.powi(2);
             covariance[(3 + k, 3 + k)] = turn_std_rad.powi(2);
         }
-        let mut random = |std: f64| Vector3::from_fn(|_, _| std * normal(seed));
+        let mut error = |std: f64| Vector3::from_fn(|_, _| std * random.normal());
         self.states
             .iter()
             .map(|s| {
                 let mut pose = world_from_body(s.position_in_world_m, s.attitude);
-                pose.translation = Translation3::from(pose.translation.vector + random(position_std_m));
-                pose.rotation *= UnitQuaternion::from_scaled_axis(random(turn_std_rad));
+                pose.translation = Translation3::from(pose.translation.vector + error(position_std_m));
+                pose.rotation *= UnitQuaternion::from_scaled_axis(error(turn_std_rad));
                 PoseSample {
                     t_ns: (s.t_s * 1e9).round() as i64,
                     estimate: Ok(PoseEstimate::new(pose, &covariance)),
@@ -134,8 +130,8 @@ impl Flown {
             .collect()
     }
 
-    pub(crate) fn noisy_motion(&self, seed: &mut u64) -> Motion {
-        let poses = self.poses(0.4e-3, 1.4e-3, seed);
+    pub(crate) fn noisy_motion(&self, random: &mut Random) -> Motion {
+        let poses = self.poses(0.4e-3, 1.4e-3, random);
         smooth(&poses, self.vehicle.environment.gravity_m_s2).expect("a motion")
     }
 }

@@ -3,6 +3,7 @@
 use crate::aircraft::{Flown, fly, longitudinal_multisine};
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_identify::{Clocks, IdentifyError, Options, delayed, estimate_lag};
+use mavsight_random::Random;
 use mavsight_simulator::Scenario;
 
 /// The inputs as a clock that is `late_s` late has stamped them.
@@ -10,21 +11,21 @@ fn stamped(flown: &Flown, late_s: f64) -> InputSeries {
     delayed(&flown.inputs, late_s).expect("inputs")
 }
 
-fn found(flown: &Flown, late_s: f64, seed: &mut u64) -> Clocks {
-    let motion = flown.noisy_motion(seed);
+fn found(flown: &Flown, late_s: f64, random: &mut Random) -> Clocks {
+    let motion = flown.noisy_motion(random);
     estimate_lag(&motion, &stamped(flown, late_s), &flown.vehicle, &Options::default(), 0.5)
         .expect("a search")
 }
 
 #[test]
 fn a_lag_is_found_with_its_standard_deviation() {
-    let mut seed = 41;
+    let mut random = Random::new(41, 0);
     for flown in [fly(&Scenario::paper(), Vehicle::paper()), fly(&longitudinal_multisine(), Vehicle::paper())]
     {
         let mut squares = 0.0;
         let lates = [-0.31, 0.0, 0.12];
         for late_s in lates {
-            let clocks = found(&flown, late_s, &mut seed);
+            let clocks = found(&flown, late_s, &mut random);
             let Clocks::Lag(lag) = clocks else { panic!("{clocks:?}") };
             println!("late {late_s}: {lag:?}");
             let error = (lag.lag_s + late_s) / lag.std_s;
@@ -45,12 +46,12 @@ fn a_lag_is_found_with_its_standard_deviation() {
 fn a_flight_that_determines_no_lag_is_reported() {
     let hover = Scenario { maneuver: vec![], ..Scenario::paper() };
     let flown = fly(&hover, Vehicle::paper());
-    let clocks = found(&flown, 0.1, &mut 5);
+    let clocks = found(&flown, 0.1, &mut Random::new(5, 0));
     assert_eq!((clocks, clocks.correction_s()), (Clocks::Undetermined, 0.0));
     assert!(clocks.words().is_some_and(|w| w.contains("too little")));
     // Clocks that are further apart than the reach.
     let flown = fly(&Scenario::paper(), Vehicle::paper());
-    let motion = flown.noisy_motion(&mut 6);
+    let motion = flown.noisy_motion(&mut Random::new(6, 0));
     let far = estimate_lag(&motion, &stamped(&flown, 0.45), &flown.vehicle, &Options::default(), 0.2);
     assert_eq!(far, Ok(Clocks::Beyond(0.2)));
     assert!(Clocks::Beyond(0.2).words().is_some_and(|w| w.contains("0.20 s")));

@@ -12,6 +12,7 @@ use mavsight_identify::{
     choose_structure, coefficients, identify, identify_with,
 };
 use mavsight_pose::smooth;
+use mavsight_random::Random;
 use mavsight_simulator::{Channel, Maneuver, Scenario, model_coefficients};
 
 /// Options without any low-pass, for motion that has passed none.
@@ -86,10 +87,10 @@ fn noise_does_not_change_which_thrusts_are_determined() {
     let longitudinal = ["C_X", "C_Z", "C_m"];
     let paper = fly(&Scenario::paper(), Vehicle::paper());
     let multisine = fly(&longitudinal_multisine(), Vehicle::paper());
-    let mut seed = 51;
+    let mut random = Random::new(51, 0);
     for _ in 0..5 {
         for (flown, moved) in [(&paper, false), (&multisine, true)] {
-            let motion = flown.noisy_motion(&mut seed);
+            let motion = flown.noisy_motion(&mut random);
             let options = Options::default();
             let table = coefficients(&motion, &flown.inputs, &flown.vehicle, &options).expect("a table");
             let found = identify(&table).expect("fits");
@@ -165,7 +166,8 @@ fn lateral_axes_come_out_where_they_are_excited() {
     assert_values(&found, &truth, 0.03);
     // A flight along x alone, seen with the noise of cameras, does not show them.
     let flown = fly(&Scenario::paper(), Vehicle::paper());
-    let table = coefficients(&flown.noisy_motion(&mut 3), &flown.inputs, v, &Options::default());
+    let table =
+        coefficients(&flown.noisy_motion(&mut Random::new(3, 0)), &flown.inputs, v, &Options::default());
     assert_eq!(table.expect("a table").not_excited, ["C_Y", "C_l", "C_n"]);
 }
 
@@ -175,7 +177,7 @@ fn every_estimator_finds_the_noisy_flight() {
     let c = model_coefficients(&flown.vehicle, hover_rotor_speed_rad_s(&flown.vehicle));
     let model = Some(Model::parse(PRODUCTS).expect("a model"));
     let options = Options { model, ..Options::default() };
-    let motion = flown.noisy_motion(&mut 17);
+    let motion = flown.noisy_motion(&mut Random::new(17, 0));
     let table = coefficients(&motion, &flown.inputs, &flown.vehicle, &options).expect("a table");
     let choice = FitOptions {
         estimators: vec![
@@ -224,7 +226,7 @@ fn known_coefficients_are_kept_and_the_rest_is_fitted() {
 #[test]
 fn structure_is_found_from_the_flight() {
     let flown = fly(&longitudinal_multisine(), Vehicle::paper());
-    let motion = flown.noisy_motion(&mut 23);
+    let motion = flown.noisy_motion(&mut Random::new(23, 0));
     let table = coefficients(&motion, &flown.inputs, &flown.vehicle, &Options::default()).expect("a table");
     let (chosen, structures) = choose_structure(&table).expect("structures");
     let names =
@@ -247,7 +249,7 @@ fn structure_is_found_from_the_flight() {
 #[test]
 fn a_gap_in_the_poses_is_left_out() {
     let flown = fly(&Scenario::paper(), Vehicle::paper());
-    let mut poses = flown.poses(0.4e-3, 1.4e-3, &mut 31);
+    let mut poses = flown.poses(0.4e-3, 1.4e-3, &mut Random::new(31, 0));
     let without = |poses: &mut [mavsight_pose::PoseSample], gap: &std::ops::Range<f64>| {
         for pose in poses.iter_mut().filter(|p| gap.contains(&(p.t_ns as f64 * 1e-9))) {
             pose.estimate = Err(mavsight_pose::PoseError::NotMeasured);

@@ -3,6 +3,7 @@
 
 use crate::aircraft::Flown;
 use mavsight_identify::{Bandwidth, Estimator, FitOptions, Model, Options, coefficients, identify_with};
+use mavsight_random::Random;
 
 /// One parameter by one estimator over all flights.
 pub(crate) struct Tally {
@@ -53,7 +54,7 @@ pub(crate) fn tally(
     let options = Options { model, bandwidth: Bandwidth::Automatic, ..Options::default() };
     let choice = FitOptions { estimators: estimators.to_vec(), ..FitOptions::default() };
     let fly = |run: u64| {
-        let motion = flown.noisy_motion(&mut (1000 * run + 5));
+        let motion = flown.noisy_motion(&mut Random::new(5, run));
         let table = coefficients(&motion, &flown.inputs, &flown.vehicle, &options).expect("a table");
         identify_with(&table, &choice).expect("fits")
     };

@@ -5,7 +5,7 @@ use crate::out::{out, outln};
 use crate::progress::Bars;
 use anyhow::Result;
 use mavsight_flight::Vehicle;
-use mavsight_plan::{EXAMPLE, Placed, PlanError, Planner, Ranked, SearchOptions, StudyRow};
+use mavsight_plan::{CameraPair, EXAMPLE, Placed, PlanError, Planner, Ranked, SearchOptions, StudyRow};
 use mavsight_report::{CameraPlan, angle_deg, least, write_plan_report};
 use mavsight_session::{
     ControlSection, RESULTS_SCHEMA, SESSION_SCHEMA, SessionCamera, SessionError, SessionFile, make_folder,
@@ -72,9 +72,12 @@ fn study(planner: &Planner, best: &Ranked) -> [Vec<StudyRow>; 2] {
     let middle = planner.room().middle_m();
     let n = best.placed.len() as f64;
     let distance_m = best.placed.iter().map(|p| (p.centre_m - middle).norm()).sum::<f64>() / n;
-    let angles: Vec<_> = ANGLES_DEG.map(|k| (ANGLE_STEP_DEG * f64::from(k), distance_m)).collect();
-    let distances: Vec<_> = DISTANCES.map(|k| (RIGHT_ANGLE_DEG, DISTANCE_STEP_M * f64::from(k))).collect();
-    [&angles, &distances].map(|pairs| planner.study(0, pairs))
+    let at_angle = |k: u32| CameraPair { angle_deg: ANGLE_STEP_DEG * f64::from(k), distance_m };
+    let at_distance =
+        |k: u32| CameraPair { angle_deg: RIGHT_ANGLE_DEG, distance_m: DISTANCE_STEP_M * f64::from(k) };
+    let pairs: [Vec<CameraPair>; 2] =
+        [ANGLES_DEG.map(at_angle).collect(), DISTANCES.map(at_distance).collect()];
+    pairs.map(|pairs| planner.study(0, &pairs))
 }
 
 fn placement_table(plan: &CameraPlan<'_>) -> String {
@@ -108,13 +111,13 @@ fn study_text(plan: &CameraPlan<'_>) -> String {
     if let Some(best) = least(angles) {
         out += &format!(
             "\nTwo cameras {:.2} m from the middle: least error at {:.0}°, {:.3} mm\n",
-            best.distance_m, best.angle_deg, best.prediction.mean.position_std_mm
+            best.pair.distance_m, best.pair.angle_deg, best.prediction.mean.position_std_mm
         );
     }
     if let Some(near) = least(distances) {
         out += &format!(
             "At a right angle: least error {:.1} m from the middle, {:.3} mm; nearer, not all is seen\n",
-            near.distance_m, near.prediction.mean.position_std_mm
+            near.pair.distance_m, near.prediction.mean.position_std_mm
         );
     }
     out

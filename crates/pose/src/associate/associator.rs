@@ -1,8 +1,6 @@
 //! The associator: what it knows of the body, the cameras and the flight so far.
 
-use super::history::History;
-use super::history::Noise;
-use super::history::Watch;
+use super::history::{History, Noise, Watch};
 use super::symmetry;
 use crate::{PoseError, PoseEstimator, PoseSample, Rig};
 use mavsight_geometry::{Camera, Vector3, centroid_and_spread};

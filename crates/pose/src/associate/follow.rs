@@ -2,8 +2,7 @@
 
 use super::associator::{Association, Associator, DECISIVE_LOG_ODDS, refused};
 use super::frame::{Frame, Pairs};
-use super::history::Belief;
-use super::history::LEAST_DEGREES;
+use super::history::{Belief, LEAST_DEGREES};
 use crate::{PoseError, PoseEstimate, PoseSample, TrackedDetection};
 
 /// Twice the logarithm of the odds, 99 to 1, below which a ball that two markers claim is left to neither.

@@ -8,10 +8,6 @@ const GATE: f64 = 3.29;
 
 /// Refuses a body whose markers of one colour can change places by a rigid motion within what their places
 /// are known to.
-///
-/// # Errors
-/// [`PoseError::SymmetricMarkers`] naming the markers and the least shift of one of them that would be
-/// enough.
 pub(super) fn refuse_symmetric(
     markers: &[BodyMarker],
     colors: &[usize],

@@ -1,7 +1,8 @@
 use super::*;
-use crate::testing::{cameras, normal, rig};
+use crate::testing::{cameras, rig};
 use crate::{BodyMarker, PoseError, PoseEstimator, TrackedDetection};
 use mavsight_geometry::{EulerAngles, Isometry3, Matrix2, Point3, Vector2, Vector3, world_from_body};
+use mavsight_random::Random;
 
 const STD_PX: f64 = 0.1;
 const FRAME_NS: i64 = 33_333_333;
@@ -44,7 +45,7 @@ fn hovering_at(k: i64) -> Isometry3<f64> {
     world_from_body(Vector3::new(0.2 * t.sin(), 0.1 * (0.7 * t).cos(), 1.4), attitude)
 }
 
-fn ball(camera: usize, color: usize, at_m: &Vector3<f64>, seed: &mut u64) -> TrackedDetection {
+fn ball(camera: usize, color: usize, at_m: &Vector3<f64>, random: &mut Random) -> TrackedDetection {
     let view = cameras()[camera];
     let pixel = view.project_ball(at_m, 0.025).unwrap().pixel;
     let range_m = (at_m - view.centre_in_world()).norm();
@@ -53,7 +54,7 @@ fn ball(camera: usize, color: usize, at_m: &Vector3<f64>, seed: &mut u64) -> Tra
         camera,
         track_id: color as u32,
         color,
-        pixel: pixel + Vector2::new(normal(seed), normal(seed)) * STD_PX,
+        pixel: pixel + Vector2::from(random.normals()) * STD_PX,
         covariance_px2: Matrix2::identity() * STD_PX * STD_PX,
         diameter_px: view.intrinsics.fx_px * 0.05 / range_m,
         is_static: false,
@@ -66,13 +67,13 @@ fn seen(
     places_m: &[[f64; 3]],
     colors: &[usize],
     pose: &Isometry3<f64>,
-    seed: &mut u64,
+    random: &mut Random,
 ) -> Vec<(usize, TrackedDetection)> {
     let mut out = Vec::new();
     for camera in 0..2 {
         for (marker, place) in places_m.iter().enumerate() {
             let at = (pose * Point3::from(Vector3::from(*place))).coords;
-            out.push((marker, ball(camera, colors[marker], &at, seed)));
+            out.push((marker, ball(camera, colors[marker], &at, random)));
         }
     }
     out
@@ -85,12 +86,12 @@ fn seen(
 fn decoys_and_hiding_never_change_an_identity() {
     let colors = [0, 1, 2, 3];
     let mut associator = associator(&PAPER, &colors).unwrap();
-    let mut seed = 3;
+    let mut random = Random::new(3, 0);
     let decoys: Vec<Vector3<f64>> =
         (0..4).map(|k| Vector3::new(0.3 * k as f64 - 0.5, 0.25, 1.2 + 0.12 * k as f64)).collect();
     let mut measured = 0;
     for k in 0..150 {
-        let mut frame = seen(&PAPER, &colors, &pose_at(k), &mut seed);
+        let mut frame = seen(&PAPER, &colors, &pose_at(k), &mut random);
         frame.retain(|(m, c)| match k {
             0..10 => c.camera == 1 || *m == 0,
             40..70 => c.camera == 0,
@@ -98,9 +99,10 @@ fn decoys_and_hiding_never_change_an_identity() {
             _ => true,
         });
         for camera in 0..2 {
-            let decoy = |(color, at): (usize, &Vector3<f64>)| (9, ball(camera, color, at, &mut seed.clone()));
+            let decoy =
+                |(color, at): (usize, &Vector3<f64>)| (9, ball(camera, color, at, &mut random.clone()));
             frame.splice(0..0, decoys.iter().enumerate().map(decoy));
-            seed += 1;
+            random.next_u64();
         }
         let candidates: Vec<TrackedDetection> = frame.iter().map(|f| f.1).collect();
         let found = associator.associate(k * FRAME_NS, &candidates);
@@ -123,11 +125,11 @@ fn decoys_and_hiding_never_change_an_identity() {
 #[test]
 fn markers_of_one_colour_are_associated_by_their_distances() {
     let colors = [0; 4];
-    let mut seed = 11;
+    let mut random = Random::new(11, 0);
     for start in 0..5 {
         let mut associator = associator(&UNEVEN, &colors).unwrap();
         for k in 40 * start..40 * start + 20 {
-            let frame = seen(&UNEVEN, &colors, &pose_at(k), &mut seed);
+            let frame = seen(&UNEVEN, &colors, &pose_at(k), &mut random);
             let candidates: Vec<TrackedDetection> = frame.iter().map(|f| f.1).collect();
             let found = associator.associate(k * FRAME_NS, &candidates);
             assert!(found.sample.estimate.is_ok(), "frame {k}: {:?}", found.sample.estimate);
@@ -158,19 +160,16 @@ fn a_square_of_one_colour_is_refused_by_name() {
 /// Balls strewn over both images: of 100 such instants none is taken for the body.
 #[test]
 fn chance_makes_no_body() {
-    let mut seed = 5;
+    let mut random = Random::new(5, 0);
     let mut believed = 0;
     for k in 0..100 {
         let mut associator = associator(&PAPER, &[0, 1, 2, 3]).unwrap();
         let mut candidates = Vec::new();
         for color in 0..4 {
             for _ in 0..3 {
-                let at = Vector3::new(
-                    0.6 * normal(&mut seed),
-                    0.6 * normal(&mut seed),
-                    1.5 + 0.4 * normal(&mut seed),
-                );
-                candidates.extend((0..2).map(|camera| ball(camera, color, &at, &mut seed)));
+                let at =
+                    Vector3::new(0.6 * random.normal(), 0.6 * random.normal(), 1.5 + 0.4 * random.normal());
+                candidates.extend((0..2).map(|camera| ball(camera, color, &at, &mut random)));
             }
         }
         believed += usize::from(associator.associate(k, &candidates).sample.estimate.is_ok());
@@ -195,9 +194,9 @@ fn a_camera_that_is_pushed_is_named_and_left_out() {
         [(Vector2::zeros(), false), (Vector2::new(4.4, 3.4), true), (Vector2::new(-5.6, 0.0), true)]
     {
         let mut associator = associator(&PAPER, &colors).unwrap();
-        let mut seed = 21;
+        let mut random = Random::new(21, 0);
         for k in 0..100 {
-            let mut frame = seen(&PAPER, &colors, &pose_at(k), &mut seed);
+            let mut frame = seen(&PAPER, &colors, &pose_at(k), &mut random);
             for (_, candidate) in frame.iter_mut().filter(|(_, c)| c.camera == 1 && k >= 60) {
                 candidate.pixel += turn_px;
             }
@@ -223,9 +222,9 @@ fn a_camera_that_is_pushed_is_named_and_left_out() {
 fn balls_before_each_other_do_not_cost_a_camera() {
     let colors = [0, 1, 2, 3];
     let mut associator = associator(&PAPER, &colors).unwrap();
-    let mut seed = 11;
+    let mut random = Random::new(11, 0);
     for k in 0..90 {
-        let mut frame = seen(&PAPER, &colors, &pose_at(k), &mut seed);
+        let mut frame = seen(&PAPER, &colors, &pose_at(k), &mut random);
         let off_px = match k % 30 {
             20 | 22 => [2.0, -1.5],
             21 => [3.0, 0.0],
@@ -254,11 +253,11 @@ fn balls_before_each_other_do_not_cost_a_camera() {
 fn cameras_that_are_worse_than_claimed_are_not_taken_for_moved() {
     let colors = [0, 1, 2, 3];
     let mut associator = associator(&PAPER, &colors).unwrap();
-    let mut seed = 5;
+    let mut random = Random::new(1, 0);
     let mut drift_px = Vector2::<f64>::zeros();
     for k in 0..6000 {
-        drift_px = drift_px * 0.9 + Vector2::new(normal(&mut seed), normal(&mut seed)) * 0.44 * STD_PX;
-        let mut frame = seen(&PAPER, &colors, &hovering_at(k), &mut seed);
+        drift_px = drift_px * 0.9 + Vector2::from(random.normals()) * 0.44 * STD_PX;
+        let mut frame = seen(&PAPER, &colors, &hovering_at(k), &mut random);
         for (_, candidate) in &mut frame {
             candidate.covariance_px2 /= 9.0;
             candidate.pixel += if candidate.camera == 1 { drift_px } else { Vector2::zeros() };
@@ -273,9 +272,9 @@ fn cameras_that_are_worse_than_claimed_are_not_taken_for_moved() {
 fn a_camera_that_goes_black_leaves_the_other() {
     let colors = [0, 1, 2, 3];
     let mut associator = associator(&PAPER, &colors).unwrap();
-    let mut seed = 2;
+    let mut random = Random::new(2, 0);
     for k in 0..60 {
-        let mut frame = seen(&PAPER, &colors, &pose_at(k), &mut seed);
+        let mut frame = seen(&PAPER, &colors, &pose_at(k), &mut random);
         frame.retain(|(_, c)| c.camera == 0 || k < 20);
         let candidates: Vec<TrackedDetection> = frame.iter().map(|f| f.1).collect();
         let found = associator.associate(k * FRAME_NS, &candidates);

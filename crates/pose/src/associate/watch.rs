@@ -2,9 +2,7 @@
 
 use super::associator::{Association, Associator, DECISIVE_LOG_ODDS};
 use super::frame::Frame;
-use super::history::Belief;
-use super::history::LEAST_DEGREES;
-use super::history::MovedCamera;
+use super::history::{Belief, LEAST_DEGREES, MovedCamera};
 use crate::TrackedDetection;
 use mavsight_geometry::{Matrix2, Vector2};
 use nalgebra::Matrix2x6;

@@ -1,7 +1,6 @@
 //! Bundle adjustment of all cameras and of the surveyed points that are not exact.
 
-use super::equations::Factored;
-use super::equations::{Adjustment, Equations};
+use super::equations::{Adjustment, Equations, factored};
 use super::layout::{Layout, State};
 use super::model::CameraModel;
 use super::problem::{Data, Problem};
@@ -70,14 +69,14 @@ impl Adjustment<'_> {
     }
 
     fn fit(&self, state: State, equations: &Equations, factor: f64) -> Option<Fit> {
-        let factors = Factored::new(&equations.normal, 0.0)?;
+        let factors = factored(&equations.normal, 0.0)?;
         let covariance = factors.inverse();
         let n = equations.coordinates as f64;
         let free = (self.layout.size + equations.pose_parameters) as f64;
         let deviance = equations.squares / factor
             + equations.prior
             + n * factor.ln()
-            + factors.log_determinant
+            + factors.ln_determinant()
             + equations.log_poses
             + PRIOR_FREEDOM * (factor.ln() + 1.0 / factor);
         Some(Fit {
@@ -96,7 +95,7 @@ impl Adjustment<'_> {
         let mut now = self.equations(state, factor)?;
         let mut damping = 0.0;
         for _ in 0..MAX_STEPS {
-            let step = Factored::new(&now.normal, damping)?.solve(&now.gradient);
+            let step = factored(&now.normal, damping)?.solve(&now.gradient);
             let decrement = step.dot(&now.gradient);
             let mut tried = state.stepped(&self.layout, &step);
             let cost = now.squares / factor + now.prior;

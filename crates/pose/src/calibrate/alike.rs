@@ -70,6 +70,7 @@ mod tests {
     use crate::testing::cameras;
     use crate::{Rig, predicted_covariance_m2};
     use mavsight_geometry::Matrix2;
+    use mavsight_random::Random;
 
     const STD_PX: f64 = 0.05;
 
@@ -89,7 +90,7 @@ mod tests {
 
     #[test]
     fn points_that_are_alike_have_the_noise_that_they_have() {
-        for camera in &predicted(&both(STD_PX, &mut 3)).cameras {
+        for camera in &predicted(&both(STD_PX, &mut Random::new(3, 0))).cameras {
             approx::assert_relative_eq!(camera.sigma_px, STD_PX, max_relative = 1e-6);
         }
     }
@@ -98,7 +99,7 @@ mod tests {
     /// calibration by points with the one noise; with the mean of their weights they are not.
     #[test]
     fn one_noise_for_all_points_leaves_the_uncertainty_of_noises_that_differ() {
-        let mut controls = both(STD_PX, &mut 3);
+        let mut controls = both(STD_PX, &mut Random::new(3, 0));
         let bad = [0, 3, 5];
         for control in &mut controls {
             bad.iter().for_each(|k| control.points[*k].pixel_cov_px2 *= 100.0);

@@ -2,10 +2,10 @@
 
 use super::adjust::{Fit, adjust, readjust};
 use super::model::CameraModel;
-use super::problem::{Choice, Data, Problem};
+use super::problem::{Choice, Data, undetermined};
 use super::start::{MIN_POINTS, starts};
 use crate::PoseError;
-use mavsight_geometry::{CAMERA_PARAMETERS, Camera, GeometryError, ImageSize, Intrinsics, Isometry3};
+use mavsight_geometry::{CAMERA_PARAMETERS, Camera, ImageSize, Intrinsics, Isometry3};
 use nalgebra::{DMatrix, DVector};
 
 /// Models less probable than the best by this factor do not enter the uncertainty (Madigan & Raftery 1994).
@@ -19,19 +19,8 @@ pub(super) struct Chosen {
     pub(super) others: Vec<(f64, Fit)>,
 }
 
-pub(super) struct NoStart {
-    pub(super) camera: usize,
-    pub(super) source: GeometryError,
-}
-
-impl NoStart {
-    pub(super) fn named(self, problem: &Problem) -> PoseError {
-        PoseError::Calibration { camera: problem.names[self.camera].clone(), source: self.source }
-    }
-}
-
 /// Cameras to start from; a camera without used observations keeps a neutral one.
-pub(super) fn start_cameras(data: Data) -> Result<Vec<Camera>, NoStart> {
+pub(super) fn start_cameras(data: Data) -> Result<Vec<Camera>, PoseError> {
     let Data { problem, choice } = data;
     if let Some(known) = &problem.start {
         return Ok(known.clone());
@@ -41,9 +30,9 @@ pub(super) fn start_cameras(data: Data) -> Result<Vec<Camera>, NoStart> {
     };
     let mut cameras: Vec<Camera> = problem.sizes.iter().map(neutral).collect();
     for camera in 0..cameras.len() {
-        let control = data.control(camera);
-        let candidates =
-            starts(&control, problem.sizes[camera]).map_err(|source| NoStart { camera, source })?;
+        let name = &problem.names[camera];
+        let named = |source| PoseError::Calibration { camera: name.clone(), source };
+        let candidates = starts(&data.control(camera), problem.sizes[camera]).map_err(named)?;
         let mut alone = Choice { used: vec![false; choice.used.len()], place: choice.place.clone() };
         data.used_by(camera).for_each(|k| alone.used[k] = true);
         let models = vec![CameraModel::PINHOLE; cameras.len()];
@@ -52,8 +41,7 @@ pub(super) fn start_cameras(data: Data) -> Result<Vec<Camera>, NoStart> {
             start[camera] = *candidate;
             adjust(problem.with(&alone), &models, &start)
         }));
-        let source = GeometryError::UndeterminedCamera { condition: f64::INFINITY };
-        cameras[camera] = best.ok_or(NoStart { camera, source })?.state.cameras[camera];
+        cameras[camera] = best.ok_or_else(|| undetermined(name))?.state.cameras[camera];
     }
     Ok(cameras)
 }

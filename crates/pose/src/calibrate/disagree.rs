@@ -3,9 +3,9 @@
 use super::adjust::Fit;
 use super::equations::{Linearised, linearised};
 use super::problem::Data;
+use crate::statistics::beyond_f;
 use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor};
-use statrs::function::beta::checked_beta_reg;
 
 /// How much a group of observations disagrees with all the others.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -66,15 +66,6 @@ impl Fit {
         let probability = beyond_f(ratio, d as f64, below / (estimated * estimated));
         Some(Disagreement { studentised: ratio.sqrt(), probability })
     }
-}
-
-/// Degrees of freedom from which on F is chi-square over its degrees of freedom, to a part in ten thousand.
-const MANY: f64 = 1e4;
-
-/// Probability that an F ratio exceeds `ratio` by chance.
-fn beyond_f(ratio: f64, above: f64, below: f64) -> f64 {
-    let below = below.min(MANY);
-    checked_beta_reg(0.5 * below, 0.5 * above, below / (below + above * ratio)).unwrap_or(1.0)
 }
 
 /// Half-width of the 95 % region of three coordinates whose variance was estimated with `freedom` degrees of

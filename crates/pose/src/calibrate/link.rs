@@ -2,11 +2,12 @@
 
 use super::moved::{Moved, names_of};
 use super::pair::{MIN_MATCHES, pairs, seen_by_both};
-use super::plane::{pinhole_of_planes, pose_of_plane};
+use super::plane::pinhole_of_planes;
 use super::start::{MIN_POINTS, starts};
 use crate::PoseError;
 use crate::moving::Instant;
-use crate::reprojection::PointObservation;
+use crate::reprojection::{PointObservation, Scene};
+use crate::three_points::pose_in_view;
 use mavsight_geometry::attitude::rotation_of;
 use mavsight_geometry::{Camera, ControlPoint, ImageSize, Isometry3, Matrix2, Matrix3, triangulate};
 
@@ -15,9 +16,6 @@ const FOLLOWED: usize = 4;
 
 /// Sets of cameras near those that saw the objects, in the axes of the first camera: x to its right, y
 /// forward, z up.
-///
-/// # Errors
-/// [`PoseError::NotLinked`] names a camera that shares too little with the others.
 pub(super) fn linked(
     objects: &[Moved],
     names: &[String],
@@ -79,8 +77,8 @@ fn of_board(board: &Moved, sizes: &[ImageSize]) -> Vec<Option<Camera>> {
         pinhole_of_planes(sizes[camera], &board.body, &views)
     };
     let pinholes: Vec<Camera> = (0..sizes.len()).map(pinhole).collect();
-    let in_camera =
-        |place: &Instant, camera: usize| pose_of_plane(&pinholes[camera], &board.body, &own(place, camera));
+    let scene = Scene { cameras: &pinholes, points: &board.body };
+    let in_camera = |place, camera| Some(pose_in_view(scene, &own(place, camera))?.world_from_body);
     let mut out: Vec<Option<Camera>> = vec![None; sizes.len()];
     let Some(first) = (0..sizes.len()).find(|c| board.is_seen_by(*c)) else { return out };
     out[first] = Some(pinholes[first]);

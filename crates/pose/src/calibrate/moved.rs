@@ -1,8 +1,8 @@
 //! Objects of known shape that were moved in view of the cameras: a wand, a board.
 
-use super::plane::pose_of_plane;
 use crate::moving::{Instant, Shared};
-use crate::reprojection::PointObservation;
+use crate::reprojection::{PointObservation, Scene};
+use crate::three_points::pose_in_view;
 use crate::{BodyMarker, MarkerObservation, PoseError};
 use mavsight_geometry::{Camera, Isometry3, UnitQuaternion, Vector3, rigid_fit, triangulate};
 use nalgebra::Translation3;
@@ -68,9 +68,7 @@ pub(super) fn names_of(objects: &[Moved]) -> String {
 }
 
 impl Moved {
-    /// # Errors
-    /// [`PoseError::BadObservation`] for a camera or point that does not exist or a number that is not
-    /// finite; [`PoseError::BadObject`] for points that make no shape.
+    /// Refuses cameras and points that do not exist, numbers that are not finite, points that make no shape.
     pub(super) fn new(object: &MovedObject, cameras: usize) -> Result<Self, PoseError> {
         let bad = |detail| PoseError::BadObject { object: object.name.clone(), detail };
         let numbers = object.points.iter().flat_map(|p| p.marker_in_body_m.iter().chain([&p.radius_m]));
@@ -161,7 +159,6 @@ impl Moved {
         let seen_by = |camera: usize| place.iter().filter(|o| o.camera == camera).count();
         let best = (0..cameras.len()).max_by_key(|c| seen_by(*c))?;
         let own: Vec<PointObservation> = place.iter().filter(|o| o.camera == best).copied().collect();
-        let cam_from_board = pose_of_plane(&cameras[best], &self.body, &own).filter(|_| self.is_board())?;
-        Some(cameras[best].cam_from_world.inverse() * cam_from_board)
+        Some(pose_in_view(Scene { cameras, points: &self.body }, &own)?.world_from_body)
     }
 }

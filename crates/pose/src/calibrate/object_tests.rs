@@ -2,9 +2,10 @@
 
 use super::test_sets::{Noise, seen, unlike_cameras};
 use super::*;
-use crate::testing::{cameras, normal, normal3};
+use crate::testing::cameras;
 use crate::{BodyMarker, MarkerObservation, PoseError};
 use mavsight_geometry::{Camera, Isometry3, Matrix2, Point3, UnitQuaternion, Vector2, Vector3};
+use mavsight_random::Random;
 use nalgebra::Translation3;
 
 const LENGTH_M: f64 = 0.5;
@@ -15,7 +16,7 @@ fn observed(
     body: &[BodyMarker],
     poses: &[Isometry3<f64>],
     std_px: f64,
-    seed: &mut u64,
+    random: &mut Random,
 ) -> Vec<MarkerObservation> {
     let mut out = Vec::new();
     for (k, pose) in poses.iter().enumerate() {
@@ -23,8 +24,8 @@ fn observed(
             for (marker, point) in body.iter().enumerate() {
                 let centre = (pose * Point3::from(point.marker_in_body_m)).coords;
                 let Ok(at) = view.project_ball(&centre, point.radius_m) else { continue };
-                let noise = Vector2::new(normal(seed), normal(seed)) * std_px;
-                if view.size.contains(&at.pixel, 5.0) && normal(seed).abs() > 0.126 {
+                let noise = Vector2::from(random.normals()) * std_px;
+                if view.size.contains(&at.pixel, 5.0) && random.normal().abs() > 0.126 {
                     let covariance_px2 = Matrix2::identity() * std_px * std_px;
                     let (pixel, t_ns) = (at.pixel + noise, 33_333_333 * k as i64);
                     out.push(MarkerObservation { t_ns, camera, marker, pixel, covariance_px2 });
@@ -36,22 +37,22 @@ fn observed(
 }
 
 /// Places in a room of 2 m, in any attitude.
-fn waved(n: usize, seed: &mut u64) -> Vec<Isometry3<f64>> {
+fn waved(n: usize, random: &mut Random) -> Vec<Isometry3<f64>> {
     (0..n)
         .map(|_| {
-            let at = Vector3::new(0.0, 0.0, 1.5) + normal3(seed) * 0.5;
+            let at = Vector3::new(0.0, 0.0, 1.5) + Vector3::from(random.normals()) * 0.5;
             Isometry3::from_parts(
                 Translation3::from(at),
-                UnitQuaternion::from_scaled_axis(normal3(seed) * 2.0),
+                UnitQuaternion::from_scaled_axis(Vector3::from(random.normals()) * 2.0),
             )
         })
         .collect()
 }
 
-fn wand(cameras: &[Camera], std_px: f64, seed: &mut u64) -> MovedObject {
+fn wand(cameras: &[Camera], std_px: f64, random: &mut Random) -> MovedObject {
     let empty = MovedObject::wand(LENGTH_M, 0.0, [("a", 0.04), ("b", 0.04)], Vec::new());
-    let poses = waved(80, seed);
-    let observations = observed(cameras, &empty.points, &poses, std_px, seed);
+    let poses = waved(80, random);
+    let observations = observed(cameras, &empty.points, &poses, std_px, random);
     MovedObject { observations, ..empty }
 }
 
@@ -77,9 +78,9 @@ fn scale_error(rig: &Rig, truth: &[Camera]) -> f64 {
 
 #[test]
 fn a_wand_alone_gives_cameras_their_lenses_and_the_scale() {
-    let mut seed = 3;
+    let mut random = Random::new(3, 0);
     for truth in [cameras().to_vec(), unlike_cameras().split_off(1)] {
-        let rig = calibrate_with(&unseen(&truth), &[wand(&truth, 0.05, &mut seed)]).unwrap();
+        let rig = calibrate_with(&unseen(&truth), &[wand(&truth, 0.05, &mut random)]).unwrap();
         let error = scale_error(&rig, &truth);
         assert!(error < 2e-3, "{error}");
         for (found, truth) in rig.cameras.iter().zip(&truth) {
@@ -102,16 +103,22 @@ fn a_wand_and_four_surveyed_points_give_centres_as_good_as_they_claim() {
     let truth = cameras().to_vec();
     let places: Vec<Vector3<f64>> =
         [[-0.6, -0.5, 0.4], [0.7, -0.4, 0.6], [0.1, 0.8, 0.5], [0.2, -0.2, 2.3]].map(Vector3::from).into();
-    let (mut seed, mut nees, trials) = (11, 0.0, 3);
+    let (mut random, mut nees, trials) = (Random::new(11, 0), 0.0, 3);
     for _ in 0..trials {
         let control: Vec<CameraControl> = truth
             .iter()
             .enumerate()
             .map(|(k, c)| {
-                seen(&format!("cam{}", k + 1), c, &places, Noise { std_px: 0.05, radius_m: 0.03 }, &mut seed)
+                seen(
+                    &format!("cam{}", k + 1),
+                    c,
+                    &places,
+                    Noise { std_px: 0.05, radius_m: 0.03 },
+                    &mut random,
+                )
             })
             .collect();
-        let rig = calibrate_with(&control, &[wand(&truth, 0.05, &mut seed)]).unwrap();
+        let rig = calibrate_with(&control, &[wand(&truth, 0.05, &mut random)]).unwrap();
         for (found, truth) in rig.cameras.iter().zip(&truth) {
             let error = found.camera.centre_in_world() - truth.centre_in_world();
             assert!(error.norm() < 4.0 * found.centre_std_m.norm(), "{error} {}", found.centre_std_m);
@@ -125,10 +132,10 @@ fn a_wand_and_four_surveyed_points_give_centres_as_good_as_they_claim() {
 /// One observation in fifty is of another object.
 #[test]
 fn balls_that_are_none_are_left_out() {
-    let (truth, mut seed) = (cameras().to_vec(), 21);
-    let mut wand = wand(&truth, 0.05, &mut seed);
+    let (truth, mut random) = (cameras().to_vec(), Random::new(21, 0));
+    let mut wand = wand(&truth, 0.05, &mut random);
     for o in wand.observations.iter_mut().step_by(53) {
-        o.pixel += Vector2::new(normal(&mut seed), normal(&mut seed)) * 40.0;
+        o.pixel += Vector2::from(random.normals()) * 40.0;
     }
     let rig = calibrate_with(&unseen(&truth), &[wand]).unwrap();
     assert!(scale_error(&rig, &truth) < 2e-3, "{}", scale_error(&rig, &truth));
@@ -138,43 +145,43 @@ fn balls_that_are_none_are_left_out() {
 /// A wand whose length is known to a part in a thousand leaves the scale open by as much.
 #[test]
 fn a_length_that_is_not_exact_is_in_the_uncertainty() {
-    let (truth, mut seed) = (cameras().to_vec(), 5);
-    let std = |length_std_m: f64, seed: &mut u64| {
-        let mut wand = wand(&truth, 0.02, seed);
+    let (truth, mut random) = (cameras().to_vec(), Random::new(5, 0));
+    let std = |length_std_m: f64, random: &mut Random| {
+        let mut wand = wand(&truth, 0.02, random);
         wand.scale_std = length_std_m / LENGTH_M;
         let rig = calibrate_with(&unseen(&truth), &[wand]).unwrap();
         let apart = rig.cameras[1].camera.centre_in_world();
         let along = apart.normalize();
         ((along.transpose() * rig.cameras[1].centre_cov_m2 * along)[0].sqrt()) / apart.norm()
     };
-    let (exact, unsure) = (std(0.0, &mut seed), std(1e-3 * LENGTH_M * 2.0, &mut seed));
+    let (exact, unsure) = (std(0.0, &mut random), std(1e-3 * LENGTH_M * 2.0, &mut random));
     assert!((unsure.hypot(0.0) / exact.hypot(2e-3) - 1.0).abs() < 0.15, "{exact} {unsure}");
 }
 
 /// A board at arm's length from each camera, tilted up to `tilt_rad`.
-fn board_views(camera: &Camera, n: usize, tilt_rad: f64, seed: &mut u64) -> Vec<Isometry3<f64>> {
+fn board_views(camera: &Camera, n: usize, tilt_rad: f64, random: &mut Random) -> Vec<Isometry3<f64>> {
     let middle = Vector3::new(0.12, 0.075, 0.0);
     (0..n)
         .map(|_| {
-            let depth_m = 0.9 + 0.2 * normal(seed).abs();
+            let depth_m = 0.9 + 0.2 * random.normal().abs();
             let turn = UnitQuaternion::from_scaled_axis(Vector3::new(
-                normal(seed).clamp(-1.5, 1.5) * tilt_rad,
-                normal(seed).clamp(-1.5, 1.5) * tilt_rad,
-                normal(seed) * 0.3,
+                random.normal().clamp(-1.5, 1.5) * tilt_rad,
+                random.normal().clamp(-1.5, 1.5) * tilt_rad,
+                random.normal() * 0.3,
             ));
-            let aside = Vector3::new(normal(seed) * 0.15, normal(seed) * 0.1, 0.0);
+            let aside = Vector3::new(random.normal() * 0.15, random.normal() * 0.1, 0.0);
             let at = Vector3::new(0.0, 0.0, depth_m) + aside - turn * middle;
             camera.cam_from_world.inverse() * Isometry3::from_parts(Translation3::from(at), turn)
         })
         .collect()
 }
 
-fn board(cameras: &[Camera], per_camera: usize, tilt_rad: f64, seed: &mut u64) -> MovedObject {
+fn board(cameras: &[Camera], per_camera: usize, tilt_rad: f64, random: &mut Random) -> MovedObject {
     let empty = MovedObject::board(7, 5, 0.04, Vec::new());
     let mut all = Vec::new();
     for (k, camera) in cameras.iter().enumerate() {
-        let poses = board_views(camera, per_camera, tilt_rad, seed);
-        let mut own = observed(std::slice::from_ref(camera), &empty.points, &poses, 0.05, seed);
+        let poses = board_views(camera, per_camera, tilt_rad, random);
+        let mut own = observed(std::slice::from_ref(camera), &empty.points, &poses, 0.05, random);
         own.iter_mut().for_each(|o| (o.camera, o.t_ns) = (k, o.t_ns + 1_000_000_000_000 * k as i64));
         all.extend(own);
     }
@@ -183,9 +190,9 @@ fn board(cameras: &[Camera], per_camera: usize, tilt_rad: f64, seed: &mut u64) -
 
 #[test]
 fn boards_give_lenses_and_control_points_where_the_cameras_are() {
-    let (truth, mut seed) = (unlike_cameras(), 7);
+    let (truth, mut random) = (unlike_cameras(), Random::new(7, 0));
     let truth = &truth[..2];
-    let board = board(truth, 10, 0.5, &mut seed);
+    let board = board(truth, 10, 0.5, &mut random);
     let control: Vec<CameraControl> = truth
         .iter()
         .enumerate()
@@ -195,7 +202,7 @@ fn boards_give_lenses_and_control_points_where_the_cameras_are() {
                 c,
                 &crate::testing::cube(),
                 Noise { std_px: 0.1, radius_m: 0.03 },
-                &mut seed,
+                &mut random,
             );
             one.size = c.size;
             one
@@ -217,7 +224,7 @@ fn boards_give_lenses_and_control_points_where_the_cameras_are() {
 /// A board that two cameras see at once joins them.
 #[test]
 fn a_board_that_cameras_share_links_them() {
-    let (mut truth, mut seed) = (cameras().to_vec(), 9);
+    let (mut truth, mut random) = (cameras().to_vec(), Random::new(9, 0));
     let target = Vector3::new(0.0, 0.0, 1.5);
     for (camera, at) in truth.iter_mut().zip([[1.0, -1.2, 1.5], [-0.9, -1.3, 1.8]]) {
         *camera = Camera::looking_at(Vector3::from(at), target, camera.intrinsics, camera.size);
@@ -225,17 +232,17 @@ fn a_board_that_cameras_share_links_them() {
     let empty = MovedObject::board(6, 4, 0.08, Vec::new());
     let between =
         Camera::looking_at(Vector3::new(0.0, -1.4, 1.6), target, truth[0].intrinsics, truth[0].size);
-    let poses = board_views(&between, 12, 0.4, &mut seed);
-    let observations = observed(&truth, &empty.points, &poses, 0.05, &mut seed);
+    let poses = board_views(&between, 12, 0.4, &mut random);
+    let observations = observed(&truth, &empty.points, &poses, 0.05, &mut random);
     let rig = calibrate_with(&unseen(&truth), &[MovedObject { observations, ..empty }]).unwrap();
     assert!(scale_error(&rig, &truth) < 2e-3, "{}", scale_error(&rig, &truth));
 }
 
 #[test]
 fn what_objects_leave_undetermined_is_refused() {
-    let (truth, mut seed) = (cameras().to_vec(), 13);
+    let (truth, mut random) = (cameras().to_vec(), Random::new(13, 0));
     let control = unseen(&truth);
-    let good = wand(&truth, 0.05, &mut seed);
+    let good = wand(&truth, 0.05, &mut random);
     let refused = |object: MovedObject| calibrate_with(&control, &[object]).unwrap_err();
     // Only one camera saw it.
     let mut alone = good.clone();
@@ -255,7 +262,7 @@ fn what_objects_leave_undetermined_is_refused() {
     // Where the recordings are out of step, control points keep the cameras and the wand is nowhere.
     let mut late = good.clone();
     late.observations.iter_mut().filter(|o| o.camera == 1).for_each(|o| o.t_ns += 333_333_330);
-    let full = super::test_sets::both(0.05, &mut seed);
+    let full = super::test_sets::both(0.05, &mut random);
     let why = calibrate_with(&full, &[late]).unwrap_err();
     assert!(matches!(why, PoseError::ObjectMisfit { .. }), "{why}");
     assert!(why.to_string().contains("run in step"), "{why}");
@@ -263,7 +270,7 @@ fn what_objects_leave_undetermined_is_refused() {
     let places = [Vector3::new(0.5, 0.5, 0.5), Vector3::new(-0.5, 0.5, 0.5)];
     let two: Vec<CameraControl> = truth
         .iter()
-        .map(|c| seen("cam", c, &places, Noise { std_px: 0.05, radius_m: 0.03 }, &mut seed))
+        .map(|c| seen("cam", c, &places, Noise { std_px: 0.05, radius_m: 0.03 }, &mut random))
         .collect();
     let why = calibrate_with(&two, &[good]).unwrap_err();
     assert!(matches!(why, PoseError::WorldAxes { found: 2, needed: 3 }), "{why}");
@@ -272,7 +279,7 @@ fn what_objects_leave_undetermined_is_refused() {
 /// Boards held square to the camera do not determine its focal length.
 #[test]
 fn a_board_at_no_useful_angle_says_which_views_are_missing() {
-    let mut seed = 17;
+    let mut random = Random::new(17, 0);
     let side = |x: f64| {
         let k = cameras()[0];
         let at = Vector3::new(x, -2.0, 1.5);
@@ -280,8 +287,8 @@ fn a_board_at_no_useful_angle_says_which_views_are_missing() {
     };
     let truth = [side(-0.1), side(0.1)];
     let empty = MovedObject::board(6, 4, 0.04, Vec::new());
-    let poses = board_views(&side(0.0), 8, 0.003, &mut seed);
-    let observations = observed(&truth, &empty.points, &poses, 0.05, &mut seed);
+    let poses = board_views(&side(0.0), 8, 0.003, &mut random);
+    let observations = observed(&truth, &empty.points, &poses, 0.05, &mut random);
     let why = calibrate_with(&unseen(&truth), &[MovedObject { observations, ..empty }]).unwrap_err();
     assert!(why.to_string().contains("add views tilted by 30°"), "{why}");
 }

@@ -26,9 +26,6 @@ const UNDETERMINED: f64 = 0.05;
 const GROSS: f64 = 0.005;
 
 /// Adjusts cameras to control points and moved objects together.
-///
-/// # Errors
-/// Those of [`super::calibrate_with`].
 pub(super) fn with_objects(
     controls: &[CameraControl],
     objects: &[MovedObject],
@@ -37,7 +34,7 @@ pub(super) fn with_objects(
     let objects: Vec<Moved> =
         objects.iter().map(|o| Moved::new(o, controls.len())).collect::<Result<_, _>>()?;
     let cameras = if controls.iter().all(|c| c.points.len() >= MIN_POINTS) {
-        start_cameras(problem.with(&problem.all())).map_err(|e| e.named(&problem))?
+        start_cameras(problem.with(&problem.all()))?
     } else {
         let alone = from_objects(&problem, &objects)?;
         if problem.points.is_empty() {

@@ -1,12 +1,11 @@
-//! A plane of known points in view of one camera: focal length and pose from homographies (Zhang 2000).
+//! The focal length of a camera from its views of a plane of known points (Zhang 2000).
 
 use crate::BodyMarker;
 use crate::reprojection::PointObservation;
-use mavsight_geometry::attitude::rotation_of;
 use mavsight_geometry::{
-    Camera, ImageSize, Intrinsics, Isometry3, Matrix3, Vector2, Vector3, centroid_and_spread, jacobi_svd,
+    Camera, ImageSize, Intrinsics, Isometry3, Matrix3, Vector2, centroid_and_spread, jacobi_svd,
 };
-use nalgebra::{DMatrix, Translation3};
+use nalgebra::DMatrix;
 
 /// The homography from points on a plane to their images at unit depth, by the normalised linear method
 /// (Hartley & Zisserman 2004, algorithm 4.2); `None` for fewer than four points or such on a line.
@@ -45,27 +44,6 @@ fn pairs(
         Some((body[o.point].marker_in_body_m.xy(), ray.xy() / ray.z))
     };
     observations.iter().filter_map(pair).collect()
-}
-
-/// Pose of a board in a camera's axes; `None` where its observations do not determine it.
-pub(super) fn pose_of_plane(
-    camera: &Camera,
-    body: &[BodyMarker],
-    observations: &[PointObservation],
-) -> Option<Isometry3<f64>> {
-    let h = homography(&pairs(camera, body, observations))?;
-    let mut scale = 2.0 / (h.column(0).norm() + h.column(1).norm());
-    // The board lies on the camera's positive depths.
-    if h[(2, 2)] < 0.0 {
-        scale = -scale;
-    }
-    let first: Vector3<f64> = (h.column(0) * scale).normalize();
-    let third = first.cross(&(h.column(1) * scale)).normalize();
-    let second = third.cross(&first);
-    let rotation = rotation_of(Matrix3::from_columns(&[first, second, third]));
-    let at: Vector3<f64> = h.column(2) * scale;
-    let out = Isometry3::from_parts(Translation3::from(at), rotation);
-    out.to_homogeneous().iter().all(|x| x.is_finite()).then_some(out)
 }
 
 /// A pinhole with a centred principal point and square pixels from the homographies of all views: each gives

@@ -64,11 +64,8 @@ pub(super) struct Cleaned {
     pub(super) left_out: Vec<LeftOut>,
 }
 
-/// Leaves out points until none disagrees with the rest beyond chance.
-///
-/// # Errors
-/// [`PoseError::Calibration`] for a camera without an answer; [`PoseError::SuspectControlPoints`] for points
-/// that disagree where too few others remain, or where two explanations are about as good.
+/// Leaves out points until none disagrees with the rest beyond chance. Refuses points that disagree where too
+/// few others remain, or where two explanations are about as good.
 pub(super) fn clean(problem: &Problem) -> Result<Cleaned, PoseError> {
     let mut choice = problem.all();
     let mut left_out = Vec::new();
@@ -87,7 +84,7 @@ pub(super) fn clean(problem: &Problem) -> Result<Cleaned, PoseError> {
                 refuse_gross(data, &chosen.best)?;
                 return Ok(Cleaned { chosen, choice, left_out });
             }
-            (None, None, Err(e)) => return Err(e.named(problem)),
+            (None, None, Err(error)) => return Err(error),
             (None, None, Ok(_)) => return Err(problem.undetermined()),
         }
     }

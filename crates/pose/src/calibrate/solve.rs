@@ -13,7 +13,7 @@ use super::snoop::clean;
 use super::start::MIN_POINTS;
 use crate::PoseError;
 use mavsight_geometry::camera_parameters::CENTRE;
-use mavsight_geometry::{CAMERA_PARAMETERS, Camera, ControlPoint, GeometryError, Vector2};
+use mavsight_geometry::{CAMERA_PARAMETERS, Camera, GeometryError, Vector2};
 use nalgebra::DMatrix;
 
 /// Part of the distance from the control points above which a centre's standard deviation is too large.
@@ -103,16 +103,8 @@ pub fn predict_calibration(
     let fit = fit.and_then(|fit| Some((fit.camera_root()?, fit)));
     let (uncertainty, fit) = fit.ok_or_else(|| undetermined(&controls[0].name))?;
     let mut rig = rig_of(problem.with(&choice), &fit, uncertainty);
-    for (own, control) in rig.cameras.iter_mut().zip(controls) {
-        let (residual_px, studentised, used) = (Vector2::zeros(), 0.0, true);
-        own.points = control
-            .points
-            .iter()
-            .map(|ControlPoint { name, point_in_world_m, .. }| {
-                let (name, point_in_world_m) = (name.clone(), *point_in_world_m);
-                ControlResidual { name, point_in_world_m, residual_px, studentised, used }
-            })
-            .collect();
+    for (camera, own) in rig.cameras.iter_mut().enumerate() {
+        own.points = residuals(problem.with(&choice), &fit, camera);
     }
     Ok(rig)
 }
@@ -159,17 +151,18 @@ mod tests {
     use super::super::test_sets::both;
     use super::*;
     use crate::testing::cameras;
+    use mavsight_random::Random;
 
     /// The scatter of many calibrations against the prediction: centre and focal length.
     #[test]
     fn many_calibrations_scatter_as_predicted() {
-        let (std_px, mut seed, trials) = (0.1, 5, 300);
+        let (std_px, mut random, trials) = (0.1, Random::new(5, 0), 300);
         let truth = cameras();
         let given = truth.map(|c| (c, CameraModel::PINHOLE));
-        let predicted = predict_calibration(&given, &both(std_px, &mut seed)).unwrap();
+        let predicted = predict_calibration(&given, &both(std_px, &mut random)).unwrap();
         let (mut centre_m2, mut focal_px2) = (0.0, 0.0);
         for _ in 0..trials {
-            let rig = calibrate(&both(std_px, &mut seed)).unwrap();
+            let rig = calibrate(&both(std_px, &mut random)).unwrap();
             for (got, truth) in rig.cameras.iter().zip(&truth) {
                 let off = got.camera.centre_in_world() - truth.centre_in_world();
                 centre_m2 += off.norm_squared() / f64::from(2 * trials);
@@ -187,7 +180,7 @@ mod tests {
 
     #[test]
     fn too_few_points_and_no_cameras_are_refused() {
-        let mut controls = both(0.1, &mut 3);
+        let mut controls = both(0.1, &mut Random::new(3, 0));
         let given = cameras().map(|c| (c, CameraModel::PINHOLE));
         assert!(matches!(predict_calibration(&[], &[]), Err(PoseError::NoCameras { found: 0 })));
         controls[1].points.truncate(4);
@@ -195,7 +188,7 @@ mod tests {
         controls[1].survey_std_m.truncate(4);
         let refused = predict_calibration(&given, &controls).unwrap_err();
         assert!(refused.to_string().contains("cam2") && refused.to_string().contains('4'), "{refused}");
-        let mut flat = both(0.1, &mut 3);
+        let mut flat = both(0.1, &mut Random::new(3, 0));
         flat[0].points.iter_mut().for_each(|p| p.pixel_cov_px2 *= f64::NAN);
         assert!(matches!(predict_calibration(&given, &flat), Err(PoseError::Calibration { .. })));
     }

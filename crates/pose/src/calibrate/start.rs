@@ -1,23 +1,20 @@
 //! A camera to start the adjustment from.
 
-use mavsight_geometry::attitude::rotation_of;
-use mavsight_geometry::{
-    Camera, ControlPoint, Dlt, GeometryError, ImageSize, Intrinsics, Isometry3, Matrix3, Vector2, jacobi_svd,
-};
-use nalgebra::DMatrix;
+use crate::BodyMarker;
+use crate::reprojection::{PointObservation, Scene};
+use crate::three_points::pose_in_view;
+use mavsight_geometry::{Camera, ControlPoint, Dlt, GeometryError, ImageSize, Intrinsics, Isometry3};
 
 /// Fewest points of a camera: a pinhole of 7 free parameters with three coordinates left to contradict it.
 pub(super) const MIN_POINTS: usize = 5;
 
 /// Angles across the width from which the search starts where the DLT has no answer.
 const FIELDS_RAD: [f64; 5] = [0.35, 0.6, 0.9, 1.3, 1.8];
-/// Rounds of the scaled orthographic iteration; it gains about a digit in each.
-const ROUNDS: usize = 30;
 
 /// Cameras near the one that saw the points, in no order: the adjustment decides.
 ///
-/// The linear transformation where it exists and gives a plausible camera, else the pose from scaled
-/// orthography for several fields of view.
+/// The linear transformation where it exists and gives a plausible camera, else the best pose for several
+/// fields of view.
 pub(super) fn starts(points: &[ControlPoint], size: ImageSize) -> Result<Vec<Camera>, GeometryError> {
     if points.len() < MIN_POINTS {
         return Err(GeometryError::TooFewControlPoints { found: points.len(), needed: MIN_POINTS });
@@ -32,10 +29,7 @@ pub(super) fn starts(points: &[ControlPoint], size: ImageSize) -> Result<Vec<Cam
         ) => error,
         Err(error) => return Err(error),
     };
-    let found: Vec<Camera> = FIELDS_RAD
-        .iter()
-        .filter_map(|field| orthographic(points, Intrinsics::from_horizontal_fov(size, *field), size))
-        .collect();
+    let found: Vec<Camera> = FIELDS_RAD.iter().filter_map(|field| posed(points, *field, size)).collect();
     if found.is_empty() { Err(refused) } else { Ok(found) }
 }
 
@@ -51,40 +45,18 @@ fn is_plausible(camera: &Camera) -> bool {
         && k.skew_px.abs() < 0.2 * k.fx_px
 }
 
-/// The pose of a known pinhole by repeated scaled orthography (DeMenthon & Davis 1995).
-fn orthographic(points: &[ControlPoint], k: Intrinsics, size: ImageSize) -> Option<Camera> {
-    let (first, rest) = points.split_first()?;
-    let normal =
-        |p: &ControlPoint| Vector2::new((p.pixel.x - k.cx_px) / k.fx_px, (p.pixel.y - k.cy_px) / k.fy_px);
-    let at_first = normal(first);
-    let away = DMatrix::from_fn(rest.len(), 3, |i, j| (rest[i].point_in_world_m - first.point_in_world_m)[j]);
-    let svd = jacobi_svd(&away);
-    if svd.singular_values[2] <= 1e-6 * svd.singular_values[0] {
-        return None;
-    }
-    let inverse = &svd.v * DMatrix::from_diagonal(&svd.singular_values.map(f64::recip)) * svd.u.transpose();
-    let mut nearer = vec![0.0; rest.len()];
-    let mut pose = Isometry3::identity();
-    for _ in 0..ROUNDS {
-        let b = DMatrix::from_fn(rest.len(), 2, |i, axis| {
-            normal(&rest[i])[axis] * (1.0 + nearer[i]) - at_first[axis]
-        });
-        let x = &inverse * b;
-        let (i, j) = (x.fixed_view::<3, 1>(0, 0), x.fixed_view::<3, 1>(0, 1));
-        let depth_m = 2.0 / (i.norm() + j.norm());
-        let r1 = i.normalize();
-        let r3 = r1.cross(&j).normalize();
-        let r2 = r3.cross(&r1);
-        if !depth_m.is_finite() || !r3.iter().chain(r2.iter()).all(|x| x.is_finite()) {
-            return None;
-        }
-        for (value, p) in nearer.iter_mut().zip(rest) {
-            *value = r3.dot(&(p.point_in_world_m - first.point_in_world_m)) / depth_m;
-        }
-        let rotation = rotation_of(Matrix3::from_rows(&[r1.transpose(), r2.transpose(), r3.transpose()]));
-        let at = at_first.push(1.0) * depth_m - rotation * first.point_in_world_m;
-        pose = Isometry3::from_parts(at.into(), rotation);
-    }
-    let camera = Camera::undistorted(pose, k, size);
-    points.iter().all(|p| camera.project(&p.point_in_world_m).is_ok()).then_some(camera)
+/// A pinhole of a known field of view, at the pose that suits the points best.
+fn posed(points: &[ControlPoint], field_rad: f64, size: ImageSize) -> Option<Camera> {
+    let pinhole =
+        Camera::undistorted(Isometry3::identity(), Intrinsics::from_horizontal_fov(size, field_rad), size);
+    let body = points.iter().map(|p| BodyMarker {
+        name: String::new(),
+        marker_in_body_m: p.point_in_world_m,
+        radius_m: 0.0,
+    });
+    let (cameras, body) = ([pinhole], body.collect::<Vec<_>>());
+    let seen = |(k, p): (usize, &ControlPoint)| PointObservation::new(0, k, p.pixel, p.pixel_cov_px2);
+    let view: Vec<_> = points.iter().enumerate().filter_map(seen).collect();
+    let fit = pose_in_view(Scene { cameras: &cameras, points: &body }, &view)?;
+    Some(Camera { cam_from_world: fit.world_from_body, ..pinhole })
 }

@@ -1,8 +1,9 @@
 //! Control frames as cameras see them, for tests.
 
 use super::rig::CameraControl;
-use crate::testing::{SIZE, cameras, cube, normal};
+use crate::testing::{SIZE, cameras, cube};
 use mavsight_geometry::{Camera, ControlPoint, ImageSize, Intrinsics, Matrix2, Vector2, Vector3};
+use mavsight_random::Random;
 
 /// The standard deviation of pixels, and the radius of all balls.
 #[derive(Clone, Copy)]
@@ -17,9 +18,9 @@ pub(crate) fn control(
     camera: &Camera,
     std_px: f64,
     radius_m: f64,
-    seed: &mut u64,
+    random: &mut Random,
 ) -> CameraControl {
-    seen(name, camera, &cube(), Noise { std_px, radius_m }, seed)
+    seen(name, camera, &cube(), Noise { std_px, radius_m }, random)
 }
 
 pub(crate) fn seen(
@@ -27,7 +28,7 @@ pub(crate) fn seen(
     camera: &Camera,
     places: &[Vector3<f64>],
     Noise { std_px, radius_m }: Noise,
-    seed: &mut u64,
+    random: &mut Random,
 ) -> CameraControl {
     let points: Vec<_> = places
         .iter()
@@ -35,8 +36,7 @@ pub(crate) fn seen(
         .map(|(i, p)| ControlPoint {
             name: format!("p{i}"),
             point_in_world_m: *p,
-            pixel: camera.project_ball(p, radius_m).unwrap().pixel
-                + Vector2::new(normal(seed), normal(seed)) * std_px,
+            pixel: camera.project_ball(p, radius_m).unwrap().pixel + Vector2::from(random.normals()) * std_px,
             pixel_cov_px2: Matrix2::identity() * std_px.max(1e-4).powi(2),
         })
         .collect();
@@ -44,9 +44,9 @@ pub(crate) fn seen(
     CameraControl::exact(name.to_owned(), SIZE, points, radii)
 }
 
-pub(crate) fn both(std_px: f64, seed: &mut u64) -> Vec<CameraControl> {
+pub(crate) fn both(std_px: f64, random: &mut Random) -> Vec<CameraControl> {
     let [a, b] = cameras();
-    vec![control("cam1", &a, std_px, 0.03, seed), control("cam2", &b, std_px, 0.03, seed)]
+    vec![control("cam1", &a, std_px, 0.03, random), control("cam2", &b, std_px, 0.03, random)]
 }
 
 /// A rig of three unlike cameras: two sizes, a distorted wide lens, non-square pixels.
@@ -64,17 +64,17 @@ pub(crate) fn unlike_cameras() -> Vec<Camera> {
     vec![first, second, Camera::looking_at(Vector3::new(0.3, 5.2, 2.0), target, video, SIZE)]
 }
 
-pub(crate) fn unlike_rig(std_px: f64, survey_std_m: f64, seed: &mut u64) -> Vec<CameraControl> {
+pub(crate) fn unlike_rig(std_px: f64, survey_std_m: f64, random: &mut Random) -> Vec<CameraControl> {
     let mut places = cube();
     places.extend(cube().iter().map(|p| Vector3::new(p.y * 0.6, -p.x * 0.5 + 0.1, 0.3 + p.z * 0.75)));
-    let real: Vec<_> = places.iter().map(|p| p + crate::testing::normal3(seed) * survey_std_m).collect();
+    let real: Vec<_> = places.iter().map(|p| p + Vector3::from(random.normals()) * survey_std_m).collect();
     let cameras = unlike_cameras();
     cameras
         .iter()
         .enumerate()
         .map(|(k, camera)| {
             let name = format!("cam{}", k + 1);
-            let mut control = seen(&name, camera, &real, Noise { std_px, radius_m: 0.03 }, seed);
+            let mut control = seen(&name, camera, &real, Noise { std_px, radius_m: 0.03 }, random);
             control.size = camera.size;
             control.points.iter_mut().zip(&places).for_each(|(p, place)| p.point_in_world_m = *place);
             control.survey_std_m = vec![survey_std_m; places.len()];
@@ -84,13 +84,13 @@ pub(crate) fn unlike_rig(std_px: f64, survey_std_m: f64, seed: &mut u64) -> Vec<
 }
 
 /// Three cameras around a cube with a cross of four points within.
-pub(crate) fn around(std_px: f64, seed: &mut u64) -> Vec<CameraControl> {
+pub(crate) fn around(std_px: f64, random: &mut Random) -> Vec<CameraControl> {
     let mut places = cube();
     let within = [[0.7, 0.2, 1.1], [-0.6, 0.4, 2.1], [0.1, -0.8, 1.7], [-0.2, 0.5, 0.6]];
     places.extend(within.map(Vector3::from));
     let views = cameras_around();
     let noise = Noise { std_px, radius_m: 0.03 };
-    let one = |(k, camera): (usize, &Camera)| seen(&format!("cam{}", k + 1), camera, &places, noise, seed);
+    let one = |(k, camera): (usize, &Camera)| seen(&format!("cam{}", k + 1), camera, &places, noise, random);
     views.iter().enumerate().map(one).collect()
 }
 

@@ -3,11 +3,12 @@ use super::*;
 use crate::PoseError;
 use crate::testing::{cameras, cube};
 use mavsight_geometry::{Camera, GeometryError, Matrix2, Vector3};
+use mavsight_random::Random;
 
 #[test]
 fn large_balls_do_not_bias_the_camera() {
     let truth = cameras()[0];
-    let control = control("cam1", &truth, 0.0, 0.3, &mut 1);
+    let control = control("cam1", &truth, 0.0, 0.3, &mut Random::new(1, 0));
     let rig = calibrate(std::slice::from_ref(&control)).unwrap();
     let error = (rig.cameras[0].camera.centre_in_world() - truth.centre_in_world()).norm();
     let plain = CameraControl { ball_radius_m: vec![0.0; 8], ..control };
@@ -19,11 +20,11 @@ fn large_balls_do_not_bias_the_camera() {
 #[test]
 fn the_centres_regions_hold_the_truth() {
     for (std_px, claim) in [(0.05, 1.0), (0.1, 0.5)] {
-        let (mut nees, mut inside, mut seed, mut sum_mm2) = (0.0, 0, 11, 0.0);
+        let (mut nees, mut inside, mut random, mut sum_mm2) = (0.0, 0, Random::new(11, 0), 0.0);
         let trials = 150;
         let mut models = std::collections::BTreeMap::new();
         for _ in 0..trials {
-            let mut controls = both(std_px, &mut seed);
+            let mut controls = both(std_px, &mut random);
             for c in &mut controls {
                 c.points.iter_mut().for_each(|p| p.pixel_cov_px2 *= claim * claim);
             }
@@ -47,8 +48,8 @@ fn the_centres_regions_hold_the_truth() {
 
 #[test]
 fn residuals_larger_than_claimed_widen_the_centre() {
-    let mut seed = 5;
-    let mut loud = both(1.0, &mut seed);
+    let mut random = Random::new(5, 0);
+    let mut loud = both(1.0, &mut random);
     for c in &mut loud {
         c.points.iter_mut().for_each(|p| p.pixel_cov_px2 = Matrix2::identity() * 1e-4);
     }
@@ -62,7 +63,7 @@ fn residuals_larger_than_claimed_widen_the_centre() {
 
 #[test]
 fn errors_name_the_camera() {
-    let mut few = control("cam1", &cameras()[0], 0.1, 0.03, &mut 2);
+    let mut few = control("cam1", &cameras()[0], 0.1, 0.03, &mut Random::new(2, 0));
     few.points.truncate(4);
     assert_eq!(
         calibrate(&[few.clone()]),
@@ -82,7 +83,8 @@ fn errors_name_the_camera() {
     ));
     assert!(matches!(calibrate(&[]), Err(PoseError::NoCameras { found: 0 })));
     let flat: Vec<_> = (0..8).map(|i| Vector3::new(f64::from(i % 3), f64::from(i / 3), 1.0)).collect();
-    let flat = seen("cam1", &cameras()[0], &flat, Noise { std_px: 0.1, radius_m: 0.0 }, &mut 3);
+    let flat =
+        seen("cam1", &cameras()[0], &flat, Noise { std_px: 0.1, radius_m: 0.0 }, &mut Random::new(3, 0));
     assert!(matches!(
         calibrate(&[flat]),
         Err(PoseError::Calibration { source: GeometryError::CoplanarControlPoints { .. }, .. })
@@ -91,8 +93,8 @@ fn errors_name_the_camera() {
 
 #[test]
 fn points_that_show_another_frame_are_refused() {
-    let mut seed = 4;
-    let mut wrong = both(0.1, &mut seed);
+    let mut random = Random::new(4, 0);
+    let mut wrong = both(0.1, &mut random);
     for c in &mut wrong {
         let places: Vec<_> = c.points.iter().map(|p| p.point_in_world_m).collect();
         for (k, p) in c.points.iter_mut().enumerate() {
@@ -112,10 +114,11 @@ fn points_that_show_another_frame_are_refused() {
 #[test]
 fn five_points_make_a_pinhole() {
     let places: Vec<_> = [0, 3, 5, 6, 7].map(|k| cube()[k]).into();
-    let (mut nees, mut seed, trials) = (0.0, 17, 60);
+    let (mut nees, mut random, trials) = (0.0, Random::new(17, 0), 60);
     let mut most: f64 = 0.0;
     for _ in 0..trials {
-        let control = seen("cam1", &cameras()[0], &places, Noise { std_px: 0.1, radius_m: 0.03 }, &mut seed);
+        let control =
+            seen("cam1", &cameras()[0], &places, Noise { std_px: 0.1, radius_m: 0.03 }, &mut random);
         let camera = &calibrate(&[control]).unwrap().cameras[0];
         assert_eq!(camera.model, CameraModel::PINHOLE);
         let error = camera.camera.centre_in_world() - cameras()[0].centre_in_world();
@@ -130,9 +133,9 @@ fn five_points_make_a_pinhole() {
 #[test]
 fn unlike_cameras_and_surveyed_points_hold_the_truth_and_find_their_models() {
     let trials = 8;
-    let (mut seed, mut inside, mut nees) = (31, 0, 0.0);
+    let (mut random, mut inside, mut nees) = (Random::new(31, 0), 0, 0.0);
     for _ in 0..trials {
-        let rig = calibrate(&unlike_rig(0.1, 0.002, &mut seed)).unwrap();
+        let rig = calibrate(&unlike_rig(0.1, 0.002, &mut random)).unwrap();
         assert!(rig.cameras[0].model.lens >= Lens::K1K2, "{}", rig.cameras[0].model);
         assert_eq!(rig.cameras[0].model, rig.cameras[1].model);
         assert!(rig.cameras[2].model.pixels >= Pixels::Rectangular, "{}", rig.cameras[2].model);
@@ -177,7 +180,7 @@ fn the_model_is_the_one_that_made_the_images() {
             0.01,
         ),
     ];
-    let mut seed = 77;
+    let mut random = Random::new(77, 0);
     let mut places = cube();
     places.extend(cube().iter().map(|p| Vector3::new(0.5 * p.y, -0.6 * p.x, 0.4 + 0.7 * p.z)));
     for (change, model, of, value, tolerance) in cases {
@@ -194,7 +197,7 @@ fn the_model_is_the_one_that_made_the_images() {
                         &camera,
                         &places,
                         Noise { std_px: 0.05, radius_m: 0.03 },
-                        &mut seed,
+                        &mut random,
                     )
                 })
                 .collect();

@@ -28,11 +28,25 @@ const CONVERGED: f64 = 1e-4;
 /// A camera and a part of its clock.
 pub(super) type Unknown = (usize, usize);
 
+/// An observation of a marker, by its index in its path.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(super) struct InPath {
+    camera: usize,
+    marker: usize,
+    index: usize,
+}
+
+/// Speeds of an observation's path and of the pose at its place.
+struct Speeds {
+    of: InPath,
+    path_px_s: f64,
+    pose_px_s: f64,
+}
+
 pub(super) struct View {
-    pub(super) seen: PointObservation,
-    /// Index of the observation in its path.
-    pub(super) index: usize,
-    pub(super) velocity: PathVelocity,
+    seen: PointObservation,
+    of: InPath,
+    velocity: PathVelocity,
     rows_px: f64,
 }
 
@@ -55,10 +69,6 @@ pub(super) struct Sums {
     /// Chi-square over redundancy of each instant with a pose.
     pub(super) factors: Vec<f64>,
     pub(super) poses: Vec<Option<Isometry3<f64>>>,
-    /// Instants with a pose, and the sum over them of the root of chi-square over redundancy: small where the
-    /// clocks are right, whatever a few bad instants do.
-    pub(super) instants: usize,
-    pub(super) misfit: f64,
     /// By camera: sum of squared speeds, px²/s², corrected for noise; observations; redundancy in whitened
     /// units; distance over focal length.
     pub(super) by_camera: Vec<CameraSums>,
@@ -73,13 +83,22 @@ pub(super) struct CameraSums {
     pub(super) metres_a_pixel: f64,
 }
 
+/// Agreement of cameras under some clocks.
+pub(super) struct Misfit {
+    /// Instants with a pose.
+    pub(super) instants: u32,
+    /// Mean over them of the root of chi-square over redundancy: small where the clocks are right, whatever a
+    /// few bad instants do.
+    pub(super) mean: f64,
+}
+
 pub(super) struct Problem<'a> {
     pub(super) streams: &'a [CameraStream],
     estimator: PoseEstimator,
     pub(super) instants: Vec<f64>,
     pub(super) poses: Vec<Option<Isometry3<f64>>>,
-    /// Camera, marker and index of observations whose paths leap.
-    pub(super) leaping: HashSet<(usize, usize, usize)>,
+    /// Observations whose paths leap.
+    leaping: HashSet<InPath>,
     /// Systematic error of each centre: camera by camera, two a marker.
     pub(super) systematic_px: DVector<f64>,
     /// Factor on the claimed variances.
@@ -121,14 +140,15 @@ impl<'a> Problem<'a> {
         for &camera in cameras {
             for (marker, path) in paths[camera].iter().enumerate() {
                 let Some(at) = path.at(t_s) else { continue };
-                if self.leaping.contains(&(camera, marker, at.index)) {
+                let of = InPath { camera, marker, index: at.index };
+                if self.leaping.contains(&of) {
                     continue;
                 }
                 let Some(velocity) = at.velocity else { continue };
                 let pixel = at.pixel - self.systematic_px.fixed_rows::<2>(self.row(camera, marker));
                 let seen = PointObservation::new(camera, marker, pixel, at.covariance_px2);
                 let rows_px = self.streams[camera].rows_px(self.scene().cameras[camera].size, &at.pixel);
-                out.extend(seen.map(|seen| View { seen, index: at.index, velocity, rows_px }));
+                out.extend(seen.map(|seen| View { seen, of, velocity, rows_px }));
             }
         }
     }
@@ -155,15 +175,48 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// The sums under some clocks, over some instants and cameras.
-    pub(super) fn sums(
+    /// The pose of an instant, where two cameras determine it with redundancy, and its views.
+    fn pose_of(
+        &self,
+        paths: &[Vec<PixelPath>],
+        instant: usize,
+        cameras: &[usize],
+        views: &mut Vec<View>,
+    ) -> Option<PoseFit> {
+        self.views(paths, self.instants[instant], cameras, views);
+        let is_other = |v: &View| v.seen.camera != views[0].seen.camera;
+        let start = self.poses[instant].filter(|_| views.len() > 3 && views.iter().any(is_other))?;
+        self.fitted_pose(views, &start)
+    }
+
+    /// How well some cameras agree under some clocks at every so many instants. Left off where the mean is
+    /// above a bound.
+    pub(super) fn misfit(
         &self,
         clocks: &[CameraClock],
-        unknowns: &[Unknown],
         cameras: &[usize],
         stride: usize,
-    ) -> Sums {
+        most: f64,
+    ) -> Misfit {
+        let (paths, mut views) = (self.paths(clocks), Vec::new());
+        let tried = self.instants.len().div_ceil(stride) as f64;
+        let (mut instants, mut sum) = (0, 0.0);
+        for k in (0..self.instants.len()).step_by(stride) {
+            if let Some(fit) = self.pose_of(&paths, k, cameras, &mut views) {
+                instants += 1;
+                sum += (fit.loss / fit.redundancy() as f64).sqrt();
+            }
+            if sum > most * tried {
+                break;
+            }
+        }
+        Misfit { instants, mean: sum / f64::from(instants).max(1.0) }
+    }
+
+    /// The sums under some clocks.
+    pub(super) fn sums(&self, clocks: &[CameraClock], unknowns: &[Unknown]) -> Sums {
         let paths = self.paths(clocks);
+        let all: Vec<usize> = (0..self.streams.len()).collect();
         let size = unknowns.len() + self.systematic_px.len();
         let mut sums = Sums {
             normal: DMatrix::zeros(size, size),
@@ -175,27 +228,19 @@ impl<'a> Problem<'a> {
             ..Default::default()
         };
         let mut views = Vec::new();
-        for k in (0..self.instants.len()).step_by(stride) {
-            let t_s = self.instants[k];
-            self.views(&paths, t_s, cameras, &mut views);
-            let two = views.iter().any(|v| v.seen.camera != views[0].seen.camera);
-            let Some(start) = self.poses[k].filter(|_| two && views.len() > 3) else { continue };
-            let Some(fit) = self.fitted_pose(&views, &start) else { continue };
+        for k in 0..self.instants.len() {
+            let Some(fit) = self.pose_of(&paths, k, &all, &mut views) else { continue };
             sums.poses[k] = Some(fit.world_from_body);
             let redundancy = fit.redundancy() as f64;
-            sums.instants += 1;
-            sums.misfit += (fit.loss / redundancy).sqrt();
             // The median of a chi-square over its degrees of freedom is below one (Wilson & Hilferty 1931).
             sums.factors.push(fit.loss / redundancy / (1.0 - 2.0 / (9.0 * redundancy)).powi(3));
-            if !unknowns.is_empty() {
-                self.add(&mut sums, &views, unknowns, k);
-            }
+            self.add(&mut sums, &views, unknowns, k);
         }
         sums
     }
 
     /// The pose nearest to a start that fits the views best, with bounded influence.
-    pub(super) fn fitted_pose(&self, views: &[View], start: &Isometry3<f64>) -> Option<PoseFit> {
+    fn fitted_pose(&self, views: &[View], start: &Isometry3<f64>) -> Option<PoseFit> {
         let seen: Vec<_> = views.iter().map(|v| v.seen).collect();
         self.scene().descend(&seen, start, self.bound2(), CONVERGED, MOST_STEPS).ok()
     }
@@ -290,13 +335,13 @@ impl Problem<'_> {
         let all: Vec<usize> = (0..self.streams.len()).collect();
         let apart_s = self.streams.iter().map(|s| s.interval_s).fold(f64::INFINITY, f64::min);
         let (mut views, mut beside) = (Vec::new(), Vec::new());
-        // Of each view: which it is, its speed, and that of the pose.
-        let mut speeds: Vec<((usize, usize, usize), f64, f64)> = Vec::new();
+        let mut speeds: Vec<Speeds> = Vec::new();
         for k in 0..self.instants.len() {
             let Some(near) = self.poses[k] else { continue };
             let mut pose_at = |t_s: f64| {
                 self.views(&paths, t_s, &all, &mut beside);
-                (beside.len() > 3).then(|| Some(self.fitted_pose(&beside, &near)?.world_from_body)).flatten()
+                let fit = self.fitted_pose(&beside, &near).filter(|_| beside.len() > 3);
+                fit.map(|fit| fit.world_from_body)
             };
             let t_s = self.instants[k];
             let (before, after) = (pose_at(t_s - 0.5 * apart_s), pose_at(t_s + 0.5 * apart_s));
@@ -305,18 +350,18 @@ impl Problem<'_> {
             for v in &views {
                 let seen = |pose| self.scene().at(&v.seen, pose).ok().map(|at| at.projection.pixel);
                 let Some((from, to)) = seen(&before).zip(seen(&after)) else { continue };
-                let of_pose = (to - from).norm() / apart_s;
-                speeds.push(((v.seen.camera, v.seen.point, v.index), v.velocity.px_s.norm(), of_pose));
+                let (path_px_s, pose_px_s) = (v.velocity.px_s.norm(), (to - from).norm() / apart_s);
+                speeds.push(Speeds { of: v.of, path_px_s, pose_px_s });
             }
         }
         for camera in all {
-            let own = || speeds.iter().filter(|s| s.0.0 == camera);
-            let mut usual: Vec<f64> = own().map(|s| s.2).collect();
+            let own = || speeds.iter().filter(|s| s.of.camera == camera);
+            let mut usual: Vec<f64> = own().map(|s| s.pose_px_s).collect();
             usual.sort_by(f64::total_cmp);
             // Nine tenths of the flight is slower; the rest may be what wrong observations do to poses.
             let Some(fast) = usual.get(usual.len() * 9 / 10).copied() else { continue };
-            let leaps = own().filter(|s| s.1 > LEAP * (s.2 + fast)).map(|s| s.0);
-            self.leaping.extend(leaps);
+            let leaps = own().filter(|s| s.path_px_s > LEAP * (s.pose_px_s + fast));
+            self.leaping.extend(leaps.map(|s| s.of));
         }
     }
 }

@@ -119,15 +119,15 @@ impl PixelPath {
             return is_same.then_some(as_it_is);
         };
         let x = dt_s / self.interval_s;
+        let moved = factor.solve(&Vector4::new(0.0, x, x * x, x * x * x));
+        let sloped = factor.solve(&Vector4::new(0.0, 1.0, 2.0 * x, 3.0 * x * x)) / self.interval_s;
         let (mut pixel, mut covariance_px2) = (Vector2::zeros(), Matrix2::zeros());
         let (mut px_s, mut gain_per_s2) = (Vector2::zeros(), 0.0);
         for k in run {
-            let local = factor.solve(&powers(k));
             let own = if k == index { 1.0 } else { 0.0 };
-            let weight = own + x * (local.y + x * (local.z + x * local.w));
+            let (weight, slope) = (own + powers(k).dot(&moved), powers(k).dot(&sloped));
             pixel += self.centres[k].pixel * weight;
             covariance_px2 += self.centres[k].covariance_px2 * (weight * weight);
-            let slope = (local.y + x * (2.0 * local.z + 3.0 * x * local.w)) / self.interval_s;
             px_s += self.centres[k].pixel * slope;
             gain_per_s2 += slope * slope;
         }
@@ -150,7 +150,7 @@ impl PixelPath {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::normal;
+    use mavsight_random::Random;
 
     const H: f64 = 1.0 / 30.0;
 
@@ -216,14 +216,14 @@ mod tests {
     /// The claimed covariance is the scatter, in the middle of a run and at its end.
     #[test]
     fn the_covariance_is_that_of_many_paths() {
-        let mut seed = 5;
+        let mut random = Random::new(5, 0);
         for t in [7.5 * H, 19.4 * H] {
             let (mut square, mut claimed, trials) = (0.0, 0.0, 4000);
             for _ in 0..trials {
                 let mut noisy = PixelPath::new(H);
                 for k in 0..20 {
                     let at = f64::from(k) * H;
-                    let noise = Vector2::new(normal(&mut seed), normal(&mut seed)) * 0.1;
+                    let noise = Vector2::from(random.normals()) * 0.1;
                     noisy.push(at, curve(at) + noise, Matrix2::identity() * 0.01);
                 }
                 let got = noisy.at(t).unwrap();

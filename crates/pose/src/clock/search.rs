@@ -1,6 +1,6 @@
 //! The search for the clocks: coarse over a second, then by Gauss and Newton, then what is made of it.
 
-use super::equations::{Problem, Sums, Unknown};
+use super::equations::{Misfit, Problem, Sums, Unknown};
 use super::types::{CameraClock, ClockEstimate, ClockVerdict, DRIFT, LINE_TIME, OFFSET};
 use nalgebra::{DMatrix, DVector};
 
@@ -93,34 +93,31 @@ fn coarse(problem: &mut Problem<'_>, clocks: &mut [CameraClock], camera: usize) 
     let stride = (problem.instants.len() / COARSE_INSTANTS).max(1);
     let start_s = clocks[camera].offset_s;
     let mut tried = clocks.to_vec();
-    let mut misfit = |offset_s: f64| {
+    let mut misfit = |offset_s: f64, most: f64| {
         tried[camera].offset_s = offset_s;
-        let sums = problem.sums(&tried, &[], &[0, camera], stride);
-        (sums.instants, sums.misfit / sums.instants.max(1) as f64)
+        problem.misfit(&tried, &[0, camera], stride, most)
     };
-    let (instants, at_start) = misfit(start_s);
+    let at_start = misfit(start_s, f64::INFINITY);
     let steps = (reach_s / step_s).floor() as i32;
-    let mut best = (if instants > 0 { MUCH_BETTER * at_start } else { f64::INFINITY }, start_s);
+    let mut least = if at_start.instants > 0 { MUCH_BETTER * at_start.mean } else { f64::INFINITY };
     for k in (-steps..=steps).filter(|k| *k != 0) {
         let offset_s = start_s + f64::from(k) * step_s;
-        let (seen, at) = misfit(offset_s);
+        let Misfit { instants, mean } = misfit(offset_s, least);
         // Where the recordings share less than half of what they share at the start, little agreement is no
         // merit.
-        if seen > 10 && 2 * seen >= instants && at < best.0 {
-            best = (at, offset_s);
+        if instants > 10 && 2 * instants >= at_start.instants && mean < least {
+            (least, clocks[camera].offset_s) = (mean, offset_s);
         }
     }
-    clocks[camera].offset_s = best.1;
 }
 
 /// Gauss-Newton over the unknowns and the systematic errors; `None` where nothing is seen by two cameras.
 fn descend(problem: &mut Problem<'_>, mut clocks: Vec<CameraClock>, unknowns: &[Unknown]) -> Option<Found> {
-    let all: Vec<usize> = (0..problem.streams.len()).collect();
     let mut last: DVector<f64> = DVector::zeros(unknowns.len());
     for k in 0..=MOST_STEPS {
-        let mut sums = problem.sums(&clocks, unknowns, &all, 1);
+        let mut sums = problem.sums(&clocks, unknowns);
         problem.poses.clone_from(&sums.poses);
-        if k < MOST_STEPS && sums.instants < 2 * unknowns.len() + 2 {
+        if k < MOST_STEPS && sums.factors.len() < 2 * unknowns.len() + 2 {
             return None;
         }
         if k < MOST_STEPS {

@@ -1,7 +1,8 @@
 use super::*;
 use crate::MarkerObservation;
-use crate::testing::{normal, rig};
+use crate::testing::rig;
 use mavsight_geometry::{Isometry3, Matrix2, Point3, UnitQuaternion, Vector2, Vector3};
+use mavsight_random::Random;
 
 const H: f64 = 1.0 / 30.0;
 const STD_PX: f64 = 0.05;
@@ -32,7 +33,7 @@ fn stream(
     clock: CameraClock,
     interval_s: f64,
     flight: (f64, f64),
-    seed: &mut u64,
+    random: &mut Random,
 ) -> CameraStream {
     let (duration_s, lively) = flight;
     let rig = rig();
@@ -55,7 +56,7 @@ fn stream(
                 pixel = view.project_ball(&centre, ball.radius_m).unwrap().pixel;
                 at_s = clock.time_s(stamp_ns, out.rows_px(view.size, &pixel));
             }
-            let pixel = pixel + Vector2::new(normal(seed), normal(seed)) * STD_PX;
+            let pixel = pixel + Vector2::from(random.normals()) * STD_PX;
             out.observations.push(MarkerObservation {
                 t_ns: stamp_ns,
                 camera,
@@ -78,11 +79,11 @@ fn late(offset_s: f64, drift: f64) -> CameraClock {
 #[test]
 fn an_offset_and_a_drift_are_found_within_their_deviations() {
     for (offset_s, drift, seconds) in [(13.7e-3, 50e-6, 40.0), (-0.41, 0.0, 8.0)] {
-        let mut seed = 3;
+        let mut random = Random::new(3, 0);
         let clock = late(offset_s, drift);
         let streams = [
-            stream(0, CameraClock::default(), H, (seconds, 1.0), &mut seed),
-            stream(1, clock, H, (seconds, 1.0), &mut seed),
+            stream(0, CameraClock::default(), H, (seconds, 1.0), &mut random),
+            stream(1, clock, H, (seconds, 1.0), &mut random),
         ];
         let got = estimate_clocks(&rig(), &body(), &streams)[1];
         println!("{got}; {:.4} ms, {:.2} ppm", 1e3 * got.clock.offset_s, 1e6 * got.clock.drift);
@@ -95,9 +96,9 @@ fn an_offset_and_a_drift_are_found_within_their_deviations() {
 
 #[test]
 fn cameras_in_step_are_left_as_they_are() {
-    let mut seed = 8;
-    let one = |k: usize, seed: &mut u64| stream(k, CameraClock::default(), H, (10.0, 1.0), seed);
-    let streams = [one(0, &mut seed), one(1, &mut seed)];
+    let mut random = Random::new(8, 0);
+    let one = |k: usize, random: &mut Random| stream(k, CameraClock::default(), H, (10.0, 1.0), random);
+    let streams = [one(0, &mut random), one(1, &mut random)];
     let got = estimate_clocks(&rig(), &body(), &streams)[1];
     assert_eq!((got.verdict, got.clock), (ClockVerdict::InStep, CameraClock::default()), "{got}");
     assert!(got.shown.offset_s.abs() < 4.0 * got.offset_std_s && got.offset_std_s < 1e-3, "{got}");
@@ -105,10 +106,10 @@ fn cameras_in_step_are_left_as_they_are() {
 
 #[test]
 fn a_flight_at_rest_determines_no_clock_and_says_what_would() {
-    let mut seed = 2;
+    let mut random = Random::new(2, 0);
     let streams = [
-        stream(0, CameraClock::default(), H, (10.0, 0.0), &mut seed),
-        stream(1, late(13.7e-3, 0.0), H, (10.0, 0.0), &mut seed),
+        stream(0, CameraClock::default(), H, (10.0, 0.0), &mut random),
+        stream(1, late(13.7e-3, 0.0), H, (10.0, 0.0), &mut random),
     ];
     let got = estimate_clocks(&rig(), &body(), &streams)[1];
     let ClockVerdict::TooSlow { speed_px_s, needed_px_s, needed_m_s } = got.verdict else { panic!("{got}") };
@@ -122,11 +123,11 @@ fn a_flight_at_rest_determines_no_clock_and_says_what_would() {
 
 #[test]
 fn unlike_rates_and_rolling_rows_are_determined() {
-    let mut seed = 4;
+    let mut random = Random::new(4, 0);
     let rolling = CameraClock { line_time_s: 30e-6, ..late(20e-3, 0.0) };
     let mut streams = [
-        stream(0, CameraClock::default(), H, (12.0, 1.5), &mut seed),
-        stream(1, rolling, 1.0 / 50.0, (12.0, 1.5), &mut seed),
+        stream(0, CameraClock::default(), H, (12.0, 1.5), &mut random),
+        stream(1, rolling, 1.0 / 50.0, (12.0, 1.5), &mut random),
     ];
     streams[1].prior.line_time_std_s = 1.0 / 50.0 / 480.0;
     let got = estimate_clocks(&rig(), &body(), &streams)[1];
@@ -140,10 +141,10 @@ fn unlike_rates_and_rolling_rows_are_determined() {
 
 #[test]
 fn wrong_markers_for_a_while_do_no_harm() {
-    let mut seed = 6;
+    let mut random = Random::new(6, 0);
     let mut streams = [
-        stream(0, CameraClock::default(), H, (12.0, 1.0), &mut seed),
-        stream(1, late(5e-3, 0.0), H, (12.0, 1.0), &mut seed),
+        stream(0, CameraClock::default(), H, (12.0, 1.0), &mut random),
+        stream(1, late(5e-3, 0.0), H, (12.0, 1.0), &mut random),
     ];
     for o in streams[1]
         .observations
@@ -162,10 +163,10 @@ fn wrong_markers_for_a_while_do_no_harm() {
 #[test]
 fn leaps_of_a_path_do_not_pass_for_speed() {
     for seed in 10..13 {
-        let mut seed = seed;
+        let mut random = Random::new(seed, 0);
         let mut streams = [
-            stream(0, CameraClock::default(), H, (12.0, 1.0), &mut seed),
-            stream(1, late(5e-3, 0.0), H, (12.0, 1.0), &mut seed),
+            stream(0, CameraClock::default(), H, (12.0, 1.0), &mut random),
+            stream(1, late(5e-3, 0.0), H, (12.0, 1.0), &mut random),
         ];
         for (begin_ns, frames) in [(2_000_000_000, 1), (5_000_000_000, 1), (7_500_000_000, 3)] {
             let leaps = begin_ns..begin_ns + frames * (H * 1e9) as i64;
@@ -182,10 +183,10 @@ fn leaps_of_a_path_do_not_pass_for_speed() {
 
 #[test]
 fn cameras_that_share_no_instant_say_so() {
-    let mut seed = 6;
+    let mut random = Random::new(6, 0);
     let mut streams = [
-        stream(0, CameraClock::default(), H, (2.0, 1.0), &mut seed),
-        stream(1, CameraClock::default(), H, (2.0, 1.0), &mut seed),
+        stream(0, CameraClock::default(), H, (2.0, 1.0), &mut random),
+        stream(1, CameraClock::default(), H, (2.0, 1.0), &mut random),
     ];
     streams[1].observations.iter_mut().for_each(|s| s.t_ns += 100_000_000_000);
     let got = estimate_clocks(&rig(), &body(), &streams)[1];

@@ -52,22 +52,24 @@ mod tests {
     use crate::MarkerObservation;
     use crate::estimate::tests::{body, seen, truth};
     use crate::testing::rig;
+    use mavsight_random::Random;
 
     /// So many frames with noise of 0.1 px, as claimed; only one observation's noise across and down is so
     /// many times that.
     fn flight(
         estimator: &PoseEstimator,
         (frames, spoilt, times): (i64, (usize, usize), Vector2<f64>),
-        seed: &mut u64,
+        random: &mut Random,
     ) -> (Vec<MarkerObservation>, Vec<PoseSample>) {
         let (mut views, mut poses) = (Vec::new(), Vec::new());
         for t_ns in 0..frames {
-            let mut now = seen(&truth(), 0.1, seed);
+            let mut now = seen(&truth(), 0.1, random);
             for o in &mut now {
                 o.t_ns = t_ns;
                 if (o.camera, o.marker) == spoilt {
-                    let exact =
-                        seen(&truth(), 0.0, &mut 1).into_iter().find(|e| (e.camera, e.marker) == spoilt);
+                    let exact = seen(&truth(), 0.0, &mut Random::new(1, 0))
+                        .into_iter()
+                        .find(|e| (e.camera, e.marker) == spoilt);
                     let pixel = exact.unwrap().pixel;
                     o.pixel = pixel + (o.pixel - pixel).component_mul(&times);
                 }
@@ -85,7 +87,7 @@ mod tests {
     fn factors_show_which_ball_is_worse_or_better_than_it_claims_and_in_which_direction() {
         let estimator = PoseEstimator::new(&rig(), &body());
         for times in [Vector2::new(3.0, 3.0), Vector2::new(0.5, 2.0)] {
-            let (mut views, mut poses) = flight(&estimator, (400, (1, 2), times), &mut 41);
+            let (mut views, mut poses) = flight(&estimator, (400, (1, 2), times), &mut Random::new(1, 0));
             // Twice, as where a flight is refined: the product nears the variance component.
             let mut total = [Vector2::repeat(1.0); 8];
             for _ in 0..2 {
@@ -109,9 +111,9 @@ mod tests {
     #[test]
     fn claims_of_short_flights_are_not_widened_by_chance() {
         let estimator = PoseEstimator::new(&rig(), &body());
-        let (mut seed, mut sum, mut count) = (43, 0.0, 0.0);
+        let (mut random, mut sum, mut count) = (Random::new(43, 0), 0.0, 0.0);
         for _ in 0..300 {
-            let (views, poses) = flight(&estimator, (3, (0, 0), Vector2::repeat(1.0)), &mut seed);
+            let (views, poses) = flight(&estimator, (3, (0, 0), Vector2::repeat(1.0)), &mut random);
             for factor in estimator.centre_factors(&views.iter().collect(), &poses).unwrap() {
                 sum += factor.sum();
                 count += 2.0;

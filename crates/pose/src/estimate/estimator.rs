@@ -1,7 +1,6 @@
 //! The estimator: a rig, a body, and what is not known of them.
 
-use super::sample::BodyMarker;
-use super::sample::{MarkerSet, PoseEstimate};
+use super::sample::{BodyMarker, MarkerSet, PoseEstimate};
 use super::systematic::SystematicErrors;
 use crate::reprojection::{PointObservation, Scene};
 use crate::{MarkerObservation, PoseError, RefinedFlight, Rig};
@@ -72,9 +71,6 @@ impl PoseEstimator {
     }
 
     /// Observations without the constant errors of their centres.
-    ///
-    /// # Errors
-    /// [`PoseError::BadObservation`].
     pub(super) fn views(
         &self,
         seen: impl Iterator<Item = MarkerObservation>,

@@ -1,6 +1,7 @@
 //! When an observation, a marker or a claim about noise is refuted.
 
-use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor};
+use crate::statistics::beyond_f;
+use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 /// Share of correct observations that a gate rejects.
 const GATE_PROBABILITY: f64 = 0.001;
@@ -18,8 +19,7 @@ pub(crate) fn chi_square_gate(degrees: usize) -> f64 {
 
 /// Whether a ratio of variances is beyond the 99.9 % quantile of F.
 pub(super) fn beyond_f_gate(ratio: f64, above: usize, below: usize) -> bool {
-    let tail = |f: FisherSnedecor| f.sf(ratio.min(1e12)) < GATE_PROBABILITY;
-    !ratio.is_nan() && FisherSnedecor::new(above as f64, below as f64).is_ok_and(tail)
+    beyond_f(ratio, above as f64, below as f64) < GATE_PROBABILITY
 }
 
 /// The factor on the claimed covariances that residuals suggest, where systematic errors raise the mean

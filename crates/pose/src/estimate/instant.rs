@@ -2,8 +2,7 @@
 
 use super::estimator::PoseEstimator;
 use super::gates::{beyond_f_gate, chi_square_gate, noise_factor};
-use super::sample::PredictedObservation;
-use super::sample::{MarkerSet, PoseEstimate};
+use super::sample::{MarkerSet, PoseEstimate, PredictedObservation};
 use super::solve::MAX_STEPS;
 use super::start::of_markers;
 use crate::reprojection::{PointObservation, PoseFit};
@@ -190,13 +189,14 @@ mod tests {
     use crate::estimate::tests::{body, seen, truth};
     use crate::testing::rig;
     use crate::{PoseEstimator, ReprojectionFit};
+    use mavsight_random::Random;
 
     #[test]
     fn noise_as_claimed_fits_once_and_a_camera_in_the_place_of_another_does_not() {
         let estimator = PoseEstimator::new(&rig(), &body());
-        let (mut seed, mut squares, trials) = (5, 0.0, 60);
+        let (mut random, mut squares, trials) = (Random::new(1, 0), 0.0, 60);
         for _ in 0..trials {
-            let mut now = seen(&truth(), 0.1, &mut seed);
+            let mut now = seen(&truth(), 0.1, &mut random);
             let fit = estimator.reprojection_fit(&now).unwrap().unwrap();
             squares += fit.ratio.powi(2) / f64::from(trials);
             assert!(fit.residual_px < 0.2, "{fit:?}");
@@ -206,7 +206,7 @@ mod tests {
         }
         // Mean of a chi-square over its ten degrees of freedom, sixty ratio.
         assert!((squares - 1.0).abs() < 0.2, "{squares}");
-        let few = &seen(&truth(), 0.1, &mut seed)[..3];
+        let few = &seen(&truth(), 0.1, &mut random)[..3];
         assert_eq!(estimator.reprojection_fit(few).unwrap(), None);
     }
 }

@@ -1,10 +1,11 @@
 use super::*;
 use crate::reprojection::moved;
-use crate::testing::{cameras, normal, rig};
+use crate::testing::{cameras, rig};
 use crate::{MarkerObservation, PoseError, Rig};
 use mavsight_geometry::{
     EulerAngles, GeometryError, Isometry3, Matrix2, Point3, Vector2, Vector3, world_from_body,
 };
+use mavsight_random::Random;
 use nalgebra::{DMatrix, Vector6};
 
 pub(super) fn body() -> Vec<BodyMarker> {
@@ -24,7 +25,7 @@ pub(super) fn truth() -> Isometry3<f64> {
     world_from_body(Vector3::new(0.3, -0.2, 1.6), attitude)
 }
 
-pub(super) fn seen(pose: &Isometry3<f64>, std_px: f64, seed: &mut u64) -> Vec<MarkerObservation> {
+pub(super) fn seen(pose: &Isometry3<f64>, std_px: f64, random: &mut Random) -> Vec<MarkerObservation> {
     let mut out = vec![];
     for (camera, view) in cameras().iter().enumerate() {
         for (marker, ball) in body().iter().enumerate() {
@@ -34,7 +35,7 @@ pub(super) fn seen(pose: &Isometry3<f64>, std_px: f64, seed: &mut u64) -> Vec<Ma
                 t_ns: 0,
                 camera,
                 marker,
-                pixel: pixel + Vector2::new(normal(seed), normal(seed)) * std_px,
+                pixel: pixel + Vector2::from(random.normals()) * std_px,
                 covariance_px2: Matrix2::identity() * std_px.max(1e-3).powi(2),
             });
         }
@@ -53,7 +54,7 @@ fn error(got: &Isometry3<f64>, truth: &Isometry3<f64>) -> Vector6<f64> {
 fn exact_observations_give_the_pose_back_also_from_three_markers() {
     let estimator = PoseEstimator::new(&rig(), &body());
     for hidden in 0..=4 {
-        let mut views = seen(&truth(), 0.0, &mut 1);
+        let mut views = seen(&truth(), 0.0, &mut Random::new(1, 0));
         views.retain(|o| o.marker != hidden);
         let got = estimator.estimate(0, &views, None).unwrap();
         assert!(error(&got.world_from_body, &truth()).norm() < 1e-8);
@@ -65,10 +66,10 @@ fn exact_observations_give_the_pose_back_also_from_three_markers() {
 #[test]
 fn the_covariance_is_true() {
     let estimator = PoseEstimator::new(&rig(), &body());
-    let (mut seed, trials, mut dropped) = (17, 1500, 0);
+    let (mut random, trials, mut dropped) = (Random::new(17, 0), 1500, 0);
     let (mut nees, mut inflation) = (0.0, 0.0);
     for _ in 0..trials {
-        let got = estimator.estimate(0, &seen(&truth(), 0.2, &mut seed), None).unwrap();
+        let got = estimator.estimate(0, &seen(&truth(), 0.2, &mut random), None).unwrap();
         let e = error(&got.world_from_body, &truth());
         nees += e.dot(&got.covariance().cholesky().unwrap().solve(&e));
         dropped += got.left_out.len();
@@ -85,10 +86,10 @@ fn the_covariance_is_true() {
 #[test]
 fn a_marker_that_disagrees_is_left_out_and_named() {
     let estimator = PoseEstimator::new(&rig(), &body());
-    let mut seed = 5;
+    let mut random = Random::new(5, 0);
     for marker in 0..4 {
         for shift in [3.0, 40.0] {
-            let mut views = seen(&truth(), 0.1, &mut seed);
+            let mut views = seen(&truth(), 0.1, &mut random);
             let bad = views.iter_mut().find(|o| o.marker == marker && o.camera == 1).unwrap();
             bad.pixel += Vector2::new(shift, -shift);
             let got = estimator.estimate(0, &views, None).unwrap();
@@ -102,9 +103,9 @@ fn a_marker_that_disagrees_is_left_out_and_named() {
 #[test]
 fn noise_larger_than_claimed_widens_the_covariance_and_drops_nobody() {
     let estimator = PoseEstimator::new(&rig(), &body());
-    let (mut seed, mut dropped, mut nees) = (9, 0, 0.0);
+    let (mut random, mut dropped, mut nees) = (Random::new(9, 0), 0, 0.0);
     for _ in 0..200 {
-        let mut views = seen(&truth(), 0.5, &mut seed);
+        let mut views = seen(&truth(), 0.5, &mut random);
         views.iter_mut().for_each(|o| o.covariance_px2 = Matrix2::identity() * 1e-4);
         let got = estimator.estimate(0, &views, None).unwrap();
         let e = error(&got.world_from_body, &truth());
@@ -120,7 +121,7 @@ fn noise_larger_than_claimed_widens_the_covariance_and_drops_nobody() {
 #[test]
 fn the_previous_pose_helps_where_no_camera_sees_three() {
     let estimator = PoseEstimator::new(&rig(), &body());
-    let mut views = seen(&truth(), 0.0, &mut 1);
+    let mut views = seen(&truth(), 0.0, &mut Random::new(1, 0));
     views.retain(|o| matches!((o.camera, o.marker), (_, 0) | (0, 1) | (1, 2)));
     assert!(matches!(
         estimator.estimate(0, &views, None),
@@ -136,7 +137,7 @@ fn the_previous_pose_helps_where_no_camera_sees_three() {
 fn one_view_of_all_and_a_second_of_one_marker_need_no_previous_pose() {
     let estimator = PoseEstimator::new(&rig(), &body());
     for (hidden, noise) in [(4, 0.0), (2, 0.0), (4, 0.1)] {
-        let mut views = seen(&truth(), noise, &mut 1);
+        let mut views = seen(&truth(), noise, &mut Random::new(1, 0));
         views.retain(|o| (o.camera == 0 || o.marker == 0) && o.marker != hidden);
         let got = estimator.estimate(0, &views, None).unwrap();
         let e = error(&got.world_from_body, &truth());
@@ -148,13 +149,13 @@ fn one_view_of_all_and_a_second_of_one_marker_need_no_previous_pose() {
 #[test]
 fn the_mirror_pose_of_a_square_is_not_fallen_into() {
     let estimator = PoseEstimator::new(&rig(), &body());
-    let (mut seed, mut decided, mut refused) = (3, 0, 0);
+    let (mut random, mut decided, mut refused) = (Random::new(3, 0), 0, 0);
     for k in 0..200 {
-        let tilt = |seed: &mut u64| 0.25 * normal(seed);
+        let tilt = |random: &mut Random| 0.25 * random.normal();
         let attitude =
-            EulerAngles { phi_rad: tilt(&mut seed), theta_rad: tilt(&mut seed), psi_rad: f64::from(k) };
+            EulerAngles { phi_rad: tilt(&mut random), theta_rad: tilt(&mut random), psi_rad: f64::from(k) };
         let pose = world_from_body(Vector3::new(0.2, -0.3, 1.5), attitude);
-        let mut views = seen(&pose, 0.5, &mut seed);
+        let mut views = seen(&pose, 0.5, &mut random);
         views.retain(|o| o.camera == 0);
         match estimator.estimate(0, &views, None) {
             Ok(got) => {
@@ -181,7 +182,7 @@ fn the_mirror_pose_of_a_square_is_not_fallen_into() {
 #[test]
 fn three_observations_alone_are_ambiguous_until_a_pose_before_decides() {
     let estimator = PoseEstimator::new(&rig(), &body());
-    let mut views = seen(&truth(), 0.05, &mut 4);
+    let mut views = seen(&truth(), 0.05, &mut Random::new(4, 0));
     views.retain(|o| o.camera == 1 && o.marker < 3);
     let refused = estimator.estimate(0, &views, None).unwrap_err();
     assert!(matches!(refused, PoseError::AmbiguousPose { markers: 3, .. }), "{refused:?}");
@@ -223,7 +224,7 @@ fn systematic_columns_are_what_errors_of_cameras_and_markers_do() {
     let rig = uncertain_rig();
     let factor = DMatrix::from_fn(12, 12, |i, j| if i == j { 1e-3 } else { 0.0 });
     let estimator = PoseEstimator::new(&rig, &body()).with_marker_uncertainty(&factor).unwrap();
-    let views = seen(&truth(), 0.0, &mut 1);
+    let views = seen(&truth(), 0.0, &mut Random::new(1, 0));
     let at = estimator.estimate(0, &views, None).unwrap();
     assert_eq!(at.systematic_columns(), 44);
     let step = 1e-3;
@@ -259,17 +260,17 @@ fn the_covariance_holds_errors_of_cameras_and_markers() {
     let rig = uncertain_rig();
     let factor = DMatrix::from_fn(12, 12, |i, j| if i == j { 1e-3 } else { 0.0 });
     let estimator = PoseEstimator::new(&rig, &body()).with_marker_uncertainty(&factor).unwrap();
-    let (mut seed, mut nees, trials) = (23, 0.0, 400);
+    let (mut random, mut nees, trials) = (Random::new(23, 0), 0.0, 400);
     for _ in 0..trials {
-        let along = nalgebra::DVector::from_fn(32, |_, _| normal(&mut seed));
+        let along = nalgebra::DVector::from_fn(32, |_, _| random.normal());
         let cameras = with_error(&rig, &along);
-        let mut views = seen(&truth(), 0.1, &mut seed);
-        let shift: Vec<_> = (0..4).map(|_| crate::testing::normal3(&mut seed) * 1e-3).collect();
+        let mut views = seen(&truth(), 0.1, &mut random);
+        let shift: Vec<_> = (0..4).map(|_| Vector3::from(random.normals()) * 1e-3).collect();
         for o in &mut views {
             let ball = &body()[o.marker];
             let centre = (truth() * Point3::from(ball.marker_in_body_m + shift[o.marker])).coords;
             o.pixel = cameras.cameras[o.camera].camera.project_ball(&centre, ball.radius_m).unwrap().pixel
-                + Vector2::new(normal(&mut seed), normal(&mut seed)) * 0.1;
+                + Vector2::from(random.normals()) * 0.1;
         }
         let got = estimator.estimate(0, &views, None).unwrap();
         assert!(got.left_out.is_empty(), "{:?}", got.left_out);
@@ -284,10 +285,10 @@ fn the_covariance_holds_errors_of_cameras_and_markers() {
 #[test]
 fn bounded_influence_beats_least_squares_where_some_observations_are_off() {
     let estimator = PoseEstimator::new(&rig(), &body());
-    let (mut seed, mut bounded, mut least) = (31, 0.0, 0.0);
+    let (mut random, mut bounded, mut least) = (Random::new(31, 0), 0.0, 0.0);
     for _ in 0..400 {
-        let mut views = seen(&truth(), 0.1, &mut seed);
-        views[3].pixel += Vector2::new(normal(&mut seed), normal(&mut seed)) * 0.25;
+        let mut views = seen(&truth(), 0.1, &mut random);
+        views[3].pixel += Vector2::from(random.normals()) * 0.25;
         let own = estimator.views(views.iter().copied()).unwrap();
         let plain = estimator.descend(&own, &truth()).unwrap();
         let robust = estimator.bounded_from(&own, plain.clone());
@@ -300,7 +301,7 @@ fn bounded_influence_beats_least_squares_where_some_observations_are_off() {
 #[test]
 fn what_makes_no_pose_is_refused_with_its_reason() {
     let estimator = PoseEstimator::new(&rig(), &body());
-    let all = seen(&truth(), 0.1, &mut 3);
+    let all = seen(&truth(), 0.1, &mut Random::new(3, 0));
     let two: Vec<_> = all.iter().filter(|o| o.marker < 2).cloned().collect();
     let refused = estimator.estimate(0, &two, Some(&truth())).unwrap_err();
     assert_eq!(refused, PoseError::TooFewMarkers { seen: 2, markers: 4, observations: 4 });

@@ -1,6 +1,6 @@
 //! Variance of the systematic errors of centres, from a flight whose markers and cameras are uncertain too.
 
-use crate::moving::{Elimination, Reduced};
+use crate::moving::Reduced;
 use crate::reprojection::HUBER_MEAN;
 use nalgebra::{DMatrix, DVector, Vector3};
 
@@ -39,14 +39,6 @@ pub(super) struct LinearFit<'a> {
     pub(super) factor: f64,
     /// Stated variance of a centre in one frame.
     pub(super) stated_px2: f64,
-}
-
-/// All seconds with the errors that last a second eliminated.
-struct Joined {
-    reduced: Reduced,
-    gain: f64,
-    /// The seconds' part of the deviance.
-    deviance: f64,
 }
 
 impl LinearFit<'_> {
@@ -97,23 +89,20 @@ impl LinearFit<'_> {
         squares
     }
 
-    fn joined(&self, for_a_second_px2: f64) -> Option<Joined> {
+    /// All seconds with the errors that last a second eliminated.
+    fn joined(&self, for_a_second_px2: f64) -> Option<Reduced> {
         let rows = self.directions.nrows();
-        let weight = self.factor / for_a_second_px2;
-        let mut out = Joined { reduced: Reduced::new(rows), gain: 0.0, deviance: 0.0 };
+        let mut out = Reduced::new(rows);
         for second in &self.seconds {
             let mut own = second.clone();
-            let Elimination { gain, log_determinant } = own.eliminate_changes(rows - self.offsets, weight)?;
-            out.gain += gain;
-            out.deviance += log_determinant - self.offsets as f64 * weight.ln();
-            out.reduced.join(&own);
+            own.eliminate_changes(rows - self.offsets, self.factor / for_a_second_px2)?;
+            out.join(&own);
         }
         Some(out)
     }
 
     /// Minus twice the log likelihood, and the factor on stated covariances that the residuals then show.
-    fn deviance(&self, joined: &Joined, at_zero: f64, constant_px2: f64) -> Option<(f64, f64)> {
-        let all = &joined.reduced;
+    fn deviance(&self, all: &Reduced, at_zero: f64, constant_px2: f64) -> Option<(f64, f64)> {
         let mut prior = self.prior.clone();
         let first = prior.len() - self.offsets;
         prior.rows_mut(first, self.offsets).fill(1.0 / constant_px2);
@@ -121,9 +110,9 @@ impl LinearFit<'_> {
         information.set_diagonal(&(information.diagonal() + &prior));
         let pull = self.directions.tr_mul(&all.gradient) / self.factor;
         let factored = information.cholesky()?;
-        let quadratic = (at_zero - joined.gain) / self.factor - pull.dot(&factored.solve(&pull));
+        let quadratic = (at_zero - all.gain) / self.factor - pull.dot(&factored.solve(&pull));
         let freedom = (all.coordinates as f64 - 6.0 * all.instants as f64).max(1.0) * HUBER_MEAN;
-        let deviance = quadratic + joined.deviance + factored.ln_determinant() - prior.map(f64::ln).sum()
+        let deviance = quadratic + all.log_determinant + factored.ln_determinant() - prior.map(f64::ln).sum()
             + freedom * self.factor.ln();
         Some((deviance, self.factor * quadratic / freedom))
     }

@@ -155,18 +155,13 @@ impl Transition {
     }
 }
 
-/// Weights of one unit of intensity in the covariance of (x, v, a) after an interval, row block and column
-/// block first (Bar-Shalom, Li & Kirubarajan 2001, section 6.2.3).
-pub(crate) fn white_jerk(dt_s: f64) -> [(usize, usize, f64); 6] {
+/// Covariance of one coordinate's (x, v, a) after an interval of white jerk of unit intensity (Bar-Shalom, Li &
+/// Kirubarajan 2001, section 6.2.3).
+fn white_jerk(dt_s: f64) -> Matrix3<f64> {
     let (s, sign) = (dt_s.abs(), dt_s.signum());
-    [
-        (0, 0, s.powi(5) / 20.0),
-        (0, 3, sign * s.powi(4) / 8.0),
-        (0, 6, s.powi(3) / 6.0),
-        (3, 3, s.powi(3) / 3.0),
-        (3, 6, sign * s * s / 2.0),
-        (6, 6, s),
-    ]
+    let (xx, xv, xa) = (s.powi(5) / 20.0, sign * s.powi(4) / 8.0, s.powi(3) / 6.0);
+    let (vv, va) = (s.powi(3) / 3.0, sign * s * s / 2.0);
+    Matrix3::new(xx, xv, xa, xv, vv, va, xa, va, s)
 }
 
 /// Covariance of a chain just after its first measurement with new errors of covariance `first`. What is not
@@ -199,13 +194,10 @@ pub(crate) fn add_process_noise(
     noise: &JerkNoise,
 ) {
     let mut all = DMatrixViewMut::from_slice(covariance, rows, rows);
-    for (row, column, weight) in white_jerk(dt_s) {
-        for k in at..at + 3 {
-            all[(row + k, column + k)] += noise.intensity * weight;
-            if row != column {
-                all[(column + k, row + k)] += noise.intensity * weight;
-            }
-        }
+    let jerk = white_jerk(dt_s) * noise.intensity;
+    for k in 0..3 {
+        let mut own = all.view_with_steps_mut((at + k, at + k), (3, 3), (2, 2));
+        own += jerk;
     }
     let mut own = all.fixed_view_mut::<3, 3>(at + CORRELATED, at + CORRELATED);
     own += noise.correlated * (1.0 - noise.kept(dt_s).powi(2));

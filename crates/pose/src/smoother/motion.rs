@@ -150,8 +150,8 @@ pub fn covariance_from_std(world_from_body: &Isometry3<f64>, stds: &[f64; 6]) ->
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::{normal, normal3};
     use mavsight_geometry::{UnitQuaternion, world_from_body};
+    use mavsight_random::Random;
 
     #[test]
     fn what_is_kept_of_a_covariance_comes_back_to_seven_digits() {
@@ -186,11 +186,11 @@ mod tests {
         let pose = world_from_body(Vector3::new(1.0, 2.0, 3.0), angles);
         let std = Vector3::new(0.01, 0.02, 0.005);
         let claimed = euler_std(&pose, &Matrix3::from_diagonal(&std.component_mul(&std)));
-        let (mut seed, trials) = (3, 20_000);
+        let (mut random, trials) = (Random::new(3, 0), 20_000);
         let mut sum = Vector3::zeros();
-        assert!(normal(&mut seed).is_finite());
+        assert!(random.normal().is_finite());
         for _ in 0..trials {
-            let turn = UnitQuaternion::from_scaled_axis(normal3(&mut seed).component_mul(&std));
+            let turn = UnitQuaternion::from_scaled_axis(Vector3::from(random.normals()).component_mul(&std));
             let turned = Isometry3::from_parts(pose.translation, pose.rotation * turn);
             let got = EulerAngles::from_world_from_body(&turned);
             let error = Vector3::new(

@@ -5,9 +5,8 @@ use crate::smoother::integrator::{
 };
 use crate::smoother::state::{MotionNoise, PRIOR_ROTATION, PRIOR_TRANSLATION};
 use crate::statistics::median;
-use crate::{PoseError, PoseSample};
+use crate::{PoseError, PoseEstimate, PoseSample};
 use mavsight_geometry::{Isometry3, Matrix3, Vector3};
-use nalgebra::SMatrix;
 
 /// Poses needed: three fix the start, and two noise parameters want more than a handful of innovations.
 pub(crate) const NEEDED: usize = 10;
@@ -58,25 +57,13 @@ pub(crate) fn likely(poses: &[PoseSample]) -> Result<Likely, PoseError> {
     let failed = PoseError::BadPose { index: 0, what: "the likelihood of the noise" };
     let first = poses.iter().position(|p| p.estimate.is_ok()).ok_or(failed.clone())?;
     let poses = &poses[first..];
-    let origin_ns = poses[0].t_ns;
-    let t_s: Vec<f64> = poses.iter().map(|p| (p.t_ns - origin_ns) as f64 * 1e-9).collect();
     // A table without the systematic errors has covariances whose size nobody vouches for.
     let vouched = poses.iter().filter_map(|p| p.estimate.as_ref().ok()).any(|e| e.systematic_columns() > 0);
-    let measured: Vec<_> =
-        poses.iter().map(|p| self::measured(p, 0, |pose| pose.translation.vector)).collect();
-    let series = Series { t_s: &t_s, measured, prior_std: PRIOR_TRANSLATION };
+    let series = Series::of(poses, PRIOR_TRANSLATION, 0, |pose| pose.translation.vector);
     let (translation, first_hz) = most_likely(&series, vouched).ok_or(failed.clone())?;
-    let measured: Vec<_> = poses.iter().map(|p| self::measured(p, 3, |pose| pose.rotation)).collect();
-    let series = Series { t_s: &t_s, measured, prior_std: PRIOR_ROTATION };
+    let series = Series::of(poses, PRIOR_ROTATION, 3, |pose| pose.rotation);
     let (rotation, second_hz) = most_likely(&series, vouched).ok_or(failed)?;
     Ok(Likely { noise: MotionNoise { translation, rotation }, bandwidth_hz: (first_hz, second_hz) })
-}
-
-fn measured<P>(pose: &PoseSample, at: usize, place: impl Fn(&Isometry3<f64>) -> P) -> Option<Measured<P>> {
-    pose.estimate.as_ref().ok().map(|e| Measured {
-        place: place(&e.world_from_body),
-        covariance: e.own_covariance().fixed_view::<3, 3>(at, at).into_owned(),
-    })
 }
 
 /// What the search moves: logarithms of the bandwidth in Hz, of the correlated part's variance over the new
@@ -84,7 +71,7 @@ fn measured<P>(pose: &PoseSample, at: usize, place: impl Fn(&Isometry3<f64>) -> 
 type Parameters = [f64; 3];
 
 struct Search<'a, P> {
-    series: &'a Series<'a, P>,
+    series: &'a Series<P>,
     interval_s: f64,
     duration_s: f64,
     variance: f64,
@@ -96,7 +83,7 @@ struct Search<'a, P> {
 ///
 /// Innovations significantly below covariances that are vouched for show errors that move too slowly to be
 /// distinguished from motion. The factor is then one: the estimate is the same, its covariance is not.
-fn most_likely<P: Place>(series: &Series<'_, P>, vouched: bool) -> Option<(JerkNoise, f64)> {
+fn most_likely<P: Place>(series: &Series<P>, vouched: bool) -> Option<(JerkNoise, f64)> {
     let times: Vec<f64> =
         series.t_s.iter().zip(&series.measured).filter(|(_, m)| m.is_some()).map(|(t, _)| *t).collect();
     let count = times.len() as f64;
@@ -182,40 +169,62 @@ fn least(cost: impl Fn(f64) -> f64, low: f64, high: f64, steps: usize) -> f64 {
     let mut best = (0..=steps).map(|k| at(low + step * k as f64)).fold((f64::INFINITY, low), lower);
     while step > 0.005 {
         step *= 0.5;
-        best = lower(lower(best, at((best.1 - step).max(low))), at((best.1 + step).min(high)));
+        let below = lower(best, at((best.1 - step).max(low)));
+        // Where it falls on one side it rises on the other.
+        best = if below.1 < best.1 { below } else { lower(best, at((best.1 + step).min(high))) };
     }
     best.1
 }
 
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Measured<P> {
-    pub(crate) place: P,
-    pub(crate) covariance: Matrix3<f64>,
+struct Measured<P> {
+    place: P,
+    covariance: Matrix3<f64>,
 }
 
 /// Times and what was measured then; the first entry is measured.
-pub(crate) struct Series<'a, P> {
-    pub(crate) t_s: &'a [f64],
-    pub(crate) measured: Vec<Option<Measured<P>>>,
+struct Series<P> {
+    t_s: Vec<f64>,
+    measured: Vec<Option<Measured<P>>>,
     /// Standard deviations of rate and acceleration before anything is known.
-    pub(crate) prior_std: (f64, f64),
+    prior_std: (f64, f64),
+}
+
+impl<P> Series<P> {
+    /// The places of poses, with the block of their covariances that begins at a coordinate.
+    fn of(
+        poses: &[PoseSample],
+        prior_std: (f64, f64),
+        at: usize,
+        place: impl Fn(&Isometry3<f64>) -> P,
+    ) -> Self {
+        let measured = |e: &PoseEstimate| Measured {
+            place: place(&e.world_from_body),
+            covariance: e.own_covariance().fixed_view::<3, 3>(at, at).into_owned(),
+        };
+        Self {
+            t_s: poses.iter().map(|p| (p.t_ns - poses[0].t_ns) as f64 * 1e-9).collect(),
+            measured: poses.iter().map(|p| p.estimate.as_ref().ok().map(measured)).collect(),
+            prior_std,
+        }
+    }
 }
 
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Innovations {
+struct Innovations {
     /// Coordinates.
-    pub(crate) count: usize,
+    count: usize,
     /// Σ log det S.
-    pub(crate) log_det: f64,
+    log_det: f64,
     /// Σ yᵀ S⁻¹ y.
-    pub(crate) chi_square: f64,
+    chi_square: f64,
     /// Σ wᵀ w' over neighbours, w the whitened innovations.
-    pub(crate) neighbours: f64,
+    neighbours: f64,
 }
 
 impl Innovations {
     /// Correlation of an innovation with the one before.
-    pub(crate) fn correlation(&self) -> f64 {
+    fn correlation(&self) -> f64 {
         if self.chi_square > 0.0 { self.neighbours / self.chi_square } else { 0.0 }
     }
 }
@@ -224,7 +233,7 @@ impl Innovations {
 const DIFFUSE: usize = 3;
 
 /// The innovations of a whole series; `None` where the arithmetic fails.
-pub(crate) fn innovations<P: Place>(series: &Series<'_, P>, noise: &JerkNoise) -> Option<Innovations> {
+fn innovations<P: Place>(series: &Series<P>, noise: &JerkNoise) -> Option<Innovations> {
     let first = (*series.measured.first()?)?;
     let mut chain = Integrator::at(first.place);
     let start = &(first.covariance * noise.variance_factor);
@@ -246,16 +255,15 @@ pub(crate) fn innovations<P: Place>(series: &Series<'_, P>, noise: &JerkNoise) -
             + rows.fixed_columns::<3>(CORRELATED)
             + seen.covariance * noise.variance_factor;
         let factor = s.cholesky()?;
-        let gain: SMatrix<f64, CHAIN, 3> = factor.solve(&rows).transpose();
-        let taken = gain * rows;
-        covariance += gain * s * gain.transpose() - taken - taken.transpose();
+        let root = factor.l();
+        let (whitened, white) = (root.solve_lower_triangular(&rows)?, root.solve_lower_triangular(&y)?);
+        covariance -= whitened.tr_mul(&whitened);
         covariance = (covariance + covariance.transpose()) * 0.5;
-        chain.correct((gain * y).as_slice());
+        chain.correct(whitened.tr_mul(&white).as_slice());
         seen_count += 1;
         if seen_count > DIFFUSE {
-            let white = factor.l().solve_lower_triangular(&y)?;
             sums.count += 3;
-            sums.log_det += 2.0 * factor.l_dirty().diagonal().map(f64::ln).sum();
+            sums.log_det += 2.0 * root.diagonal().map(f64::ln).sum();
             sums.chi_square += white.norm_squared();
             sums.neighbours += before.map_or(0.0, |b: Vector3<f64>| b.dot(&white));
             before = Some(white);

@@ -22,8 +22,7 @@ pub fn lowpass_like(series: &[f64], dt_s: f64, bandwidth_hz: f64) -> Vec<f64> {
     let differences: Vec<f64> = (0..m).map(|i| (0..4).map(|k| STENCIL[k] * series[i + k]).sum()).collect();
     let band: [f64; BAND + 1] =
         std::array::from_fn(|offset| (0..=BAND - offset).map(|k| STENCIL[k] * STENCIL[k + offset]).sum());
-    let factor = banded_cholesky(m, &band, 1.0 / lambda);
-    let z = banded_solve(&factor, differences);
+    let z = banded_solve(&band, 1.0 / lambda, differences);
     let mut out = series.to_vec();
     for (i, z) in z.iter().enumerate() {
         for (k, c) in STENCIL.iter().enumerate() {
@@ -33,41 +32,27 @@ pub fn lowpass_like(series: &[f64], dt_s: f64, bandwidth_hz: f64) -> Vec<f64> {
     out
 }
 
-/// Cholesky factor, by rows: `row[k]` is the entry k columns left of the diagonal.
-fn banded_cholesky(n: usize, band: &[f64; BAND + 1], ridge: f64) -> Vec<[f64; BAND + 1]> {
+/// Solves a banded system with equal rows by its Cholesky factor, which is kept by rows: `row[k]` is the entry k
+/// columns left of the diagonal.
+fn banded_solve(band: &[f64; BAND + 1], ridge: f64, mut b: Vec<f64>) -> Vec<f64> {
+    let n = b.len();
     let mut factor: Vec<[f64; BAND + 1]> = Vec::with_capacity(n);
     for i in 0..n {
         let mut row = [0.0; BAND + 1];
-        for offset in (0..=BAND.min(i)).rev() {
-            let j = i - offset;
-            let mut sum = band[offset] + if offset == 0 { ridge } else { 0.0 };
-            for k in 1..=BAND - offset {
-                if k > j {
-                    break;
-                }
-                let other = if offset == 0 { row[k] } else { factor[j][k] };
-                sum -= row[offset + k] * other;
-            }
-            row[offset] = if offset == 0 { sum.max(f64::MIN_POSITIVE).sqrt() } else { sum / factor[j][0] };
+        for offset in (1..=BAND.min(i)).rev() {
+            let left = &factor[i - offset];
+            let known = (1..=BAND - offset).map(|k| row[offset + k] * left[k]).sum::<f64>();
+            row[offset] = (band[offset] - known) / left[0];
         }
+        let known = row.iter().map(|x| x * x).sum::<f64>();
+        row[0] = (band[0] + ridge - known).max(f64::MIN_POSITIVE).sqrt();
+        let known = (1..=BAND.min(i)).map(|k| row[k] * b[i - k]).sum::<f64>();
+        b[i] = (b[i] - known) / row[0];
         factor.push(row);
     }
-    factor
-}
-
-fn banded_solve(factor: &[[f64; BAND + 1]], mut b: Vec<f64>) -> Vec<f64> {
-    let n = factor.len();
-    for i in 0..n {
-        for k in 1..=BAND.min(i) {
-            b[i] -= factor[i][k] * b[i - k];
-        }
-        b[i] /= factor[i][0];
-    }
     for i in (0..n).rev() {
-        for k in 1..=BAND.min(n - 1 - i) {
-            b[i] -= factor[i + k][k] * b[i + k];
-        }
-        b[i] /= factor[i][0];
+        let known = (1..=BAND.min(n - 1 - i)).map(|k| factor[i + k][k] * b[i + k]).sum::<f64>();
+        b[i] = (b[i] - known) / factor[i][0];
     }
     b
 }

@@ -4,6 +4,7 @@ use crate::output_error::{
 };
 use mavsight_flight::{InputSample, InputSeries, Vehicle, hover_rotor_speed_rad_s};
 use mavsight_geometry::{UnitQuaternion, Vector3};
+use mavsight_random::Random;
 use mavsight_simulator::true_coefficients;
 
 fn check(fit: &OutputErrorFit, vehicle: &Vehicle, lag_s: f64) {
@@ -24,16 +25,16 @@ fn correlated_errors_are_found_and_weighted() {
     let vehicle = Vehicle::paper();
     let (inputs, states) = flown(&vehicle, &multisine(8.0));
     let model = FlightModel::new(&vehicle, &inputs).expect("a model");
-    let mut seed = 21;
-    let mut samples = noisy_poses(&states, 0.5, &mut seed);
+    let mut random = Random::new(21, 0);
+    let mut samples = noisy_poses(&states, 0.5, &mut random);
     let (time_s, level) = (0.5, 2.0);
-    let mut slow = (normal3(&mut seed), normal3(&mut seed));
+    let mut slow = (normal3(&mut random), normal3(&mut random));
     for (k, sample) in samples.iter_mut().enumerate() {
         let interval_s = if k == 0 { 0.0 } else { states[k].t_s - states[k - 1].t_s };
         let kept = f64::exp(-interval_s / time_s);
         let fresh = (1.0 - kept * kept).sqrt();
-        let next = |e: Vector3<f64>, seed: &mut u64| e * kept + normal3(seed) * fresh;
-        slow = (next(slow.0, &mut seed), next(slow.1, &mut seed));
+        let next = |e: Vector3<f64>, random: &mut Random| e * kept + normal3(random) * fresh;
+        slow = (next(slow.0, &mut random), next(slow.1, &mut random));
         let pose = &mut sample.pose.as_mut().expect("a pose").0;
         pose.translation.vector += slow.0 * (level * POSITION_STD_M);
         pose.rotation *= UnitQuaternion::from_scaled_axis(slow.1 * (level * TURN_STD_RAD));
@@ -65,7 +66,7 @@ fn inputs_by_another_clock_are_found_and_said() {
     let model = FlightModel::new(&vehicle, &shifted).expect("a model");
     let names: Vec<&str> = model.free().iter().map(|p| p.name()).chain(["input_lag_s"]).collect();
     let model = model.clone().with_free(&names).expect("names");
-    let measured = Measurements::States(noisy_poses(&states, 1.0, &mut 4));
+    let measured = Measurements::States(noisy_poses(&states, 1.0, &mut Random::new(4, 0)));
     let fit = output_error(&model, &shifted, &measured, &OutputErrorOptions::default()).expect("a fit");
     let lag = fit.parameter("input_lag_s").expect("the lag");
     assert!(lag.std < 2e-3, "{}", lag.std);

@@ -1,4 +1,4 @@
-use super::support::{flown, multisine, noisy_poses, normal, pose, pose_covariance};
+use super::support::{flown, multisine, noisy_poses, pose, pose_covariance};
 use crate::output_error::{
     FlightFitOptions, FlightFits, FlightModel, ImageMeasurements, Images, InputClock, Measurements,
     ModelParameter, OutputErrorOptions, Prediction, output_error, predict_poses,
@@ -6,6 +6,7 @@ use crate::output_error::{
 use mavsight_flight::{Vehicle, hover_rotor_speed_rad_s};
 use mavsight_geometry::{Camera, ControlPoint, ImageSize, Intrinsics, Matrix2, Vector2, Vector3};
 use mavsight_pose::{BodyMarker, CameraControl, MarkerObservation, PoseEstimate, PoseSample, Rig, calibrate};
+use mavsight_random::Random;
 use mavsight_simulator::{FlightState, Scenario, true_coefficients};
 use nalgebra::Point3;
 
@@ -49,7 +50,7 @@ fn seen(
     states: &[FlightState],
     (rig, markers): (&Rig, &[BodyMarker]),
     std_px: f64,
-    seed: &mut u64,
+    random: &mut Random,
     shift: impl Fn(usize, usize) -> Vector2<f64>,
 ) -> Vec<MarkerObservation> {
     let mut out = Vec::new();
@@ -58,7 +59,7 @@ fn seen(
             for (m, marker) in markers.iter().enumerate() {
                 let centre = (pose(s) * Point3::from(marker.marker_in_body_m)).coords;
                 let exact = camera.camera.project_ball(&centre, marker.radius_m).expect("in view").pixel;
-                let noise = Vector2::new(normal(seed), normal(seed)) * std_px;
+                let noise = Vector2::new(random.normal(), random.normal()) * std_px;
                 out.push(MarkerObservation {
                     t_ns: (s.t_s * 1e9).round() as i64,
                     camera: c,
@@ -78,10 +79,10 @@ fn pixels_give_the_truth_within_their_intervals() {
     let (inputs, states) = flown(&vehicle, &multisine(5.0));
     let truth = true_coefficients(&vehicle, hover_rotor_speed_rad_s(&vehicle));
     let (rig, markers) = (rig(), markers(&vehicle));
-    let mut seed = 8;
+    let mut random = Random::new(8, 0);
     let shifts: Vec<Vector2<f64>> =
-        (0..8).map(|_| Vector2::new(normal(&mut seed), normal(&mut seed)) * 0.1).collect();
-    let observations = seen(&states, (&rig, &markers), 0.1, &mut seed, |c, m| shifts[4 * c + m]);
+        (0..8).map(|_| Vector2::new(random.normal(), random.normal()) * 0.1).collect();
+    let observations = seen(&states, (&rig, &markers), 0.1, &mut random, |c, m| shifts[4 * c + m]);
     let images = ImageMeasurements::new(&rig, &markers, &observations)
         .expect("images")
         .with_marker_positions(5e-4)
@@ -110,9 +111,9 @@ fn pixels_give_the_truth_within_their_intervals() {
     assert!((0.9..1.1).contains(&mean), "{mean}");
 }
 
-fn samples(states: &[FlightState], seed: &mut u64) -> Vec<PoseSample> {
+fn samples(states: &[FlightState], random: &mut Random) -> Vec<PoseSample> {
     let estimate = |world_from_body| PoseEstimate::new(world_from_body, &pose_covariance());
-    noisy_poses(states, 1.0, seed)
+    noisy_poses(states, 1.0, random)
         .into_iter()
         .map(|m| PoseSample {
             t_ns: m.t_ns,
@@ -126,9 +127,9 @@ fn poses_and_images_of_a_flight_agree_and_a_wrong_scale_makes_them_disagree() {
     let vehicle = Vehicle::paper();
     let (inputs, states) = flown(&vehicle, &multisine(5.0));
     let (rig, markers) = (rig(), markers(&vehicle));
-    let mut seed = 12;
-    let observations = seen(&states, (&rig, &markers), 0.1, &mut seed, |_, _| Vector2::zeros());
-    let mut poses = samples(&states, &mut seed);
+    let mut random = Random::new(12, 0);
+    let observations = seen(&states, (&rig, &markers), 0.1, &mut random, |_, _| Vector2::zeros());
+    let mut poses = samples(&states, &mut random);
     let fit = |poses: &[PoseSample]| {
         let images =
             Images { rig: &rig, markers: &markers, markers_std_m: 5e-4, observations: &observations };
@@ -154,9 +155,9 @@ fn what_is_held_out_is_predicted_and_enters_no_fit() {
     let vehicle = Vehicle::paper();
     let (inputs, states) = flown(&vehicle, &multisine(5.0));
     let (rig, markers) = (rig(), markers(&vehicle));
-    let mut seed = 4;
-    let observations = seen(&states, (&rig, &markers), 0.1, &mut seed, |_, _| Vector2::zeros());
-    let mut poses = samples(&states, &mut seed);
+    let mut random = Random::new(4, 0);
+    let observations = seen(&states, (&rig, &markers), 0.1, &mut random, |_, _| Vector2::zeros());
+    let mut poses = samples(&states, &mut random);
     let options = FlightFitOptions { held_out_s: Some((3.0, 4.0)), ..KNOWN };
     let images = Images { rig: &rig, markers: &markers, markers_std_m: 5e-4, observations: &observations };
     let fits = FlightFits::of_flight(&vehicle, &inputs, &poses, Some(images), &options).expect("fits");
@@ -190,7 +191,8 @@ fn what_constant_rotor_speeds_do_not_determine_is_held_and_named() {
     let vehicle = Vehicle::paper();
     let (inputs, states) = flown(&vehicle, &Scenario::paper());
     let fits =
-        FlightFits::of_flight(&vehicle, &inputs, &samples(&states, &mut 3), None, &KNOWN).expect("fits");
+        FlightFits::of_flight(&vehicle, &inputs, &samples(&states, &mut Random::new(3, 0)), None, &KNOWN)
+            .expect("fits");
     let held: Vec<&str> = fits.held.iter().map(|p| p.name()).collect();
     assert_eq!(held, ["C_l,p", "C_Z,u", "C_Z,l", "C_n,u", "C_n,l", "C_n,r"]);
     assert!(fits.image.is_none() && fits.comparisons(None).is_empty());

@@ -2,13 +2,14 @@ use super::support::{flown, multisine, noisy_poses};
 use crate::IdentifyError;
 use crate::output_error::{FlightModel, Measurements, OutputErrorOptions, output_error};
 use mavsight_flight::{FlightError, InputSample, InputSeries, Vehicle};
+use mavsight_random::Random;
 use mavsight_simulator::Scenario;
 
 fn paper() -> (Vehicle, InputSeries, Measurements) {
     let vehicle = Vehicle::paper();
     let scenario = Scenario { duration_s: 5.0, ..Scenario::paper() };
     let (inputs, states) = flown(&vehicle, &scenario);
-    (vehicle, inputs, Measurements::States(noisy_poses(&states, 1.0, &mut 21)))
+    (vehicle, inputs, Measurements::States(noisy_poses(&states, 1.0, &mut Random::new(21, 0))))
 }
 
 #[test]
@@ -27,7 +28,7 @@ fn thrusts_at_constant_speeds_are_refused_with_their_combination() {
 fn a_linkage_and_the_gains_behind_it_are_refused() {
     let vehicle = Vehicle::paper();
     let (inputs, states) = flown(&vehicle, &multisine(4.0));
-    let measured = Measurements::States(noisy_poses(&states, 1.0, &mut 2));
+    let measured = Measurements::States(noisy_poses(&states, 1.0, &mut Random::new(2, 0)));
     let model = FlightModel::new(&vehicle, &inputs)
         .and_then(|m| m.with_free(&["C_X,alpha_u", "C_m,alpha_u", "C_m,alpha_l", "K_u", "C_m,q", "C_l,p"]))
         .expect("names");
@@ -70,7 +71,7 @@ fn bad_measurements_are_named() {
     for s in &mut none[3..] {
         s.pose = None;
     }
-    assert_eq!(fit(none), Some(IdentifyError::NoStart { known: 3 }));
+    assert_eq!(fit(none), Some(IdentifyError::NoStart(3)));
     assert!(matches!(fit(good[..4].to_vec()), Some(IdentifyError::TooFewInstants { .. })));
 }
 

@@ -1,13 +1,13 @@
 //! Flights to be identified.
 
 use crate::output_error::StateMeasurement;
-pub(crate) use crate::testing::normal;
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::{Isometry3, Matrix6, UnitQuaternion, Vector3, world_from_body};
+use mavsight_random::Random;
 use mavsight_simulator::{Channel, FlightState, Maneuver, Scenario, simulate};
 
-pub(crate) fn normal3(seed: &mut u64) -> Vector3<f64> {
-    Vector3::new(normal(seed), normal(seed), normal(seed))
+pub(crate) fn normal3(random: &mut Random) -> Vector3<f64> {
+    Vector3::new(random.normal(), random.normal(), random.normal())
 }
 
 /// A multisine on both swash-plate axes and both rotor speeds: odd harmonics each to their own.
@@ -50,13 +50,13 @@ pub(crate) fn pose(state: &FlightState) -> Isometry3<f64> {
 }
 
 /// Poses with white noise of the given multiple of 0.5 mm and 0.05°.
-pub(crate) fn noisy_poses(states: &[FlightState], times: f64, seed: &mut u64) -> Vec<StateMeasurement> {
+pub(crate) fn noisy_poses(states: &[FlightState], times: f64, random: &mut Random) -> Vec<StateMeasurement> {
     states
         .iter()
         .map(|s| {
             let at = pose(s);
-            let place = at.translation.vector + normal3(seed) * (POSITION_STD_M * times);
-            let turn = UnitQuaternion::from_scaled_axis(normal3(seed) * (TURN_STD_RAD * times));
+            let place = at.translation.vector + normal3(random) * (POSITION_STD_M * times);
+            let turn = UnitQuaternion::from_scaled_axis(normal3(random) * (TURN_STD_RAD * times));
             let pose = Isometry3::from_parts(place.into(), at.rotation * turn);
             StateMeasurement::of_pose((s.t_s * 1e9).round() as i64, pose, pose_covariance())
         })

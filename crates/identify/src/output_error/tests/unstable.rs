@@ -1,4 +1,4 @@
-use super::support::{flown, multisine, noisy_poses, normal};
+use super::support::{flown, multisine, noisy_poses};
 use crate::output_error::{
     FlightModel, Measurements, ModelParameter, OutputErrorFit, OutputErrorOptions, StateMeasurement,
     output_error,
@@ -6,6 +6,7 @@ use crate::output_error::{
 use mavsight_flight::{InputSample, InputSeries, Vehicle, hover_rotor_speed_rad_s};
 use mavsight_geometry::{Isometry3, UnitQuaternion};
 use mavsight_pose::{PoseEstimate, PoseSample};
+use mavsight_random::Random;
 use mavsight_simulator::{FlightState, Scenario, simulate, true_coefficients};
 use nalgebra::{DVector, Matrix6xX};
 
@@ -56,7 +57,7 @@ fn an_unstable_aircraft_is_identified_in_segments_where_one_shot_fails() {
     assert!(tilt.fold(0.0, f64::max) < 1.0, "the pilot holds it");
     // From the start that knows nothing of it: hubs above the centre of gravity.
     let model = FlightModel::new(&vehicle, &inputs).expect("a model");
-    let measured = Measurements::States(noisy_poses(&states, 1.0, &mut 3));
+    let measured = Measurements::States(noisy_poses(&states, 1.0, &mut Random::new(3, 0)));
     let fit = output_error(&model, &inputs, &measured, &OutputErrorOptions::default()).expect("a fit");
     holds_the_truth(&fit, &vehicle);
     let single = OutputErrorOptions { segment_s: f64::INFINITY, ..Default::default() };
@@ -72,9 +73,9 @@ fn a_long_flight_with_cameras_that_are_off_converges() {
     let mut scenario = multisine(20.0);
     scenario.maneuver.truncate(1);
     let (inputs, states) = piloted(&vehicle, &scenario, 2e-3);
-    let mut seed = 3;
+    let mut random = Random::new(3, 0);
     let systematic = Matrix6xX::from_fn(9, |i, j| (2e-2 * (1.0 + i as f64 + 7.0 * j as f64).sin()) as f32);
-    let off = systematic.map(f64::from) * DVector::from_fn(9, |_, _| normal(&mut seed));
+    let off = systematic.map(f64::from) * DVector::from_fn(9, |_, _| random.normal());
     let turn = UnitQuaternion::from_scaled_axis(off.fixed_rows::<3>(3).into_owned());
     let moved = |measured: StateMeasurement| {
         let (at, covariance) = measured.pose.expect("a pose");
@@ -83,7 +84,7 @@ fn a_long_flight_with_cameras_that_are_off_converges() {
         let estimate = PoseEstimate::new(pose, &covariance).with_systematic(&systematic);
         PoseSample { t_ns: measured.t_ns, estimate: Ok(estimate) }
     };
-    let poses: Vec<PoseSample> = noisy_poses(&states, 1.0, &mut seed).into_iter().map(moved).collect();
+    let poses: Vec<PoseSample> = noisy_poses(&states, 1.0, &mut random).into_iter().map(moved).collect();
     let measured = Measurements::States(StateMeasurement::of_poses(poses.iter()));
     let model = FlightModel::new(&vehicle, &inputs).expect("a model");
     let fit = output_error(&model, &inputs, &measured, &OutputErrorOptions::default()).expect("a fit");

@@ -1,6 +1,7 @@
 use super::support::{flown, multisine, noisy_poses};
 use crate::output_error::{FlightModel, Measurements, ModelParameter, OutputErrorOptions, output_error};
 use mavsight_flight::{Vehicle, hover_rotor_speed_rad_s};
+use mavsight_random::Random;
 use mavsight_simulator::true_coefficients;
 
 #[test]
@@ -9,8 +10,8 @@ fn poses_with_white_noise_give_the_truth_within_their_intervals() {
     let (inputs, states) = flown(&vehicle, &multisine(6.0));
     let truth = true_coefficients(&vehicle, hover_rotor_speed_rad_s(&vehicle));
     let model = FlightModel::new(&vehicle, &inputs).expect("a model");
-    let mut seed = 5;
-    let measured = Measurements::States(noisy_poses(&states, 1.0, &mut seed));
+    let mut random = Random::new(5, 0);
+    let measured = Measurements::States(noisy_poses(&states, 1.0, &mut random));
     let fit = output_error(&model, &inputs, &measured, &OutputErrorOptions::default()).expect("a fit");
     assert!(fit.largest_gap_m < 1e-8, "{}", fit.largest_gap_m);
     // 180 residuals each: a standard deviation of 0.11.
