@@ -157,8 +157,8 @@ impl<'a> Regression<'a> {
         let errors = Coloured { covariance: plain.covariance, degrees };
         let mut solved = Solved { values: plain.values, errors };
         for _ in 0..STEPS {
-            // A record that ends leaks what is strong at high frequencies into all low ones alike: transforms'
-            // errors of neighbours then go together, and real and imaginary parts differ.
+            // A record that ends leaks what is strong at high frequencies into all low ones alike: errors of
+            // neighbouring transforms go together, and real and imaginary parts differ.
             let spread = &weights * self.errors_at(&solved.values).spread(&weights.transpose());
             if !spread.diagonal().iter().all(|d| *d > 0.0) {
                 break;
@@ -176,7 +176,8 @@ impl<'a> Regression<'a> {
     }
 
     /// Estimates with the covariance that the colour of the errors gives, where that is known. Rows were
-    /// divided by their standard deviations, and have the colour when they are; `bread` multiplies the scores.
+    /// divided by their standard deviations, and have the colour when they are; `bread` is what multiplies
+    /// the scores.
     fn coloured(
         &self,
         values: DVector<f64>,
