@@ -2,6 +2,7 @@
 
 mod campaign;
 mod motion;
+mod session;
 
 use pyo3::prelude::*;
 
@@ -10,5 +11,6 @@ use pyo3::prelude::*;
 fn _mavsight(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<campaign::Campaign>()?;
     module.add_class::<motion::Motion>()?;
-    module.add_function(wrap_pyfunction!(motion::smooth, module)?)
+    module.add_function(wrap_pyfunction!(motion::smooth, module)?)?;
+    module.add_function(wrap_pyfunction!(session::run, module)?)
 }

@@ -14,7 +14,7 @@ const ALL: usize = 18;
 
 /// Motion of an aircraft, a row an instant. Columns of `state` and `std` are those of `Motion.columns`.
 #[pyclass(frozen)]
-pub(crate) struct Motion(Smoothed);
+pub(crate) struct Motion(pub(crate) Smoothed);
 
 #[pymethods]
 impl Motion {

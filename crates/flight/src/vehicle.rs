@@ -3,6 +3,7 @@
 use crate::FlightError;
 use mavsight_geometry::{Vector3, rigid_fit};
 use serde::{Deserialize, Serialize};
+use smart_default::SmartDefault;
 
 /// An sRGB colour, written `#rrggbb`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -113,43 +114,34 @@ pub struct Environment {
 
 /// What the paper leaves open. Each value is an assumption, read by the simulation alone, never by an
 /// estimator.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, SmartDefault)]
 #[serde(deny_unknown_fields, default)]
 pub struct Assumption {
     /// Height of the upper hub above the centre of gravity: the lower hub's plus the 80 mm of section 4.1.
+    #[default(0.20)]
     pub height_upper_m: f64,
     /// Height of the lower hub above the centre of gravity: measured off figure 5, to a few centimetres.
+    #[default(0.12)]
     pub height_lower_m: f64,
     /// Hub stiffness of each rotor: a teetering rotor has none.
     pub hub_stiffness_n_m_rad: f64,
     /// C_Qu of Q_u = C_Qu ρ π R⁵ ω_u²: induced power C_T^1.5/√2 at a figure of merit of one half.
+    #[default(8.6e-4)]
     pub torque_coefficient_upper: f64,
     /// C_Ql; equal to the upper so that hover at equal speeds does not turn.
+    #[default(8.6e-4)]
     pub torque_coefficient_lower: f64,
     /// Roll moment per roll rate.
+    #[default(-0.002)]
     pub roll_damping_n_m_s_rad: f64,
     /// Pitch moment per pitch rate.
+    #[default(-0.002)]
     pub pitch_damping_n_m_s_rad: f64,
     /// Yaw moment per yaw rate.
+    #[default(-0.002)]
     pub yaw_damping_n_m_s_rad: f64,
     /// Drag per speed: an indoor flight is slow.
     pub drag_n_s_m: f64,
-}
-
-impl Default for Assumption {
-    fn default() -> Self {
-        Self {
-            height_upper_m: 0.20,
-            height_lower_m: 0.12,
-            hub_stiffness_n_m_rad: 0.0,
-            torque_coefficient_upper: 8.6e-4,
-            torque_coefficient_lower: 8.6e-4,
-            roll_damping_n_m_s_rad: -0.002,
-            pitch_damping_n_m_s_rad: -0.002,
-            yaw_damping_n_m_s_rad: -0.002,
-            drag_n_s_m: 0.0,
-        }
-    }
 }
 
 /// No rotor answers within a millisecond: a blade of centimetres flaps some tens of times a second.

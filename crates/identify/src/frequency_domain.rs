@@ -5,8 +5,9 @@ use crate::{IdentifyError, LeastSquares, least_squares};
 use nalgebra::{Complex, DMatrix, DVector};
 use std::f64::consts::PI;
 
-/// What each of `rows` samples at steps of `dt_s` weighs in the finite Fourier transforms ∫ x(t) exp(-2πi f t)
-/// dt, counted from the first sample, at some frequencies: real parts, then imaginary, by samples.
+/// What each of `rows` samples at steps of `dt_s` weighs in the finite Fourier transforms
+/// ∫ x(t) exp(-2πi f t) dt, counted from the first sample, at some frequencies: real parts, then imaginary,
+/// by samples.
 ///
 /// Exact for the straight lines between samples (Filon's rule of first order; Press et al. 2007, section
 /// 13.9), where a plain sum would be in error by the sampling (Morelli 1997).

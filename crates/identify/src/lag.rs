@@ -198,14 +198,17 @@ impl<'a> LagSearch<'a> {
             options.model.iter_mut().flat_map(|m| &mut m.output).for_each(leave_out_imitators);
             search.equations.push(Equation { options, independent: Vec::new() });
         }
-        for equation in &mut search.equations {
+        // Those that can be fitted: their rows are the same under every lag.
+        for mut equation in std::mem::take(&mut search.equations) {
             equation.options.bandwidth = Bandwidth::Hz(search.bandwidth_hz);
             let table = coefficients(motion, inputs, vehicle, &equation.options)?;
-            let output = &table.outputs[0];
-            equation.independent =
-                output.dependence(&output.regressors_at(&table.rows_in_window())).independent;
+            let (output, rows) = (&table.outputs[0], table.rows_in_window());
+            equation.independent = output.dependence(&output.regressors_at(&rows)).independent;
+            let count = equation.independent.len();
+            if count > 0 && rows.len() > count + 1 {
+                search.equations.push(equation);
+            }
         }
-        search.equations.retain(|e| !e.independent.is_empty());
         Ok(search)
     }
 
@@ -241,9 +244,6 @@ impl<'a> LagSearch<'a> {
         let mut sum = 0.0;
         for equation in &self.equations {
             let at = self.lagged(equation, lag_s)?;
-            if at.is_short() {
-                continue;
-            }
             let squares = least_squares(&at.x, &at.y, Correlation::White)?.residuals.norm_squared();
             sum += at.rows.len() as f64 / at.correlated_rows() as f64 * squares.max(f64::MIN_POSITIVE).ln();
         }
@@ -262,9 +262,6 @@ impl<'a> LagSearch<'a> {
     /// The step of one output: the coefficient of the residuals' slope beside the regressors.
     fn step_of(&self, equation: &Equation, lag_s: f64, by_s: f64) -> Result<Option<Lag>, IdentifyError> {
         let at = self.lagged(equation, lag_s)?;
-        if at.is_short() {
-            return Ok(None);
-        }
         let fit = least_squares(&at.x, &at.y, Correlation::White)?;
         let left = |lag_s: f64| self.lagged(equation, lag_s).map(|s| s.y - s.x * &fit.values);
         let slope = (left(lag_s - by_s)? - left(lag_s + by_s)?) / (2.0 * by_s);
@@ -287,10 +284,6 @@ impl<'a> LagSearch<'a> {
 }
 
 impl Lagged {
-    fn is_short(&self) -> bool {
-        self.rows.len() <= self.x.ncols() + 1
-    }
-
     fn correlated_rows(&self) -> usize {
         self.table.correlated_rows(self.table.outputs[0].bandwidth_hz, self.rows.len())
     }

@@ -67,26 +67,6 @@ struct Solved {
     errors: Coloured,
 }
 
-/// Estimates before the colour of the errors is allowed for.
-struct Fitted {
-    values: DVector<f64>,
-    covariance: DMatrix<f64>,
-    /// What multiplies the scores.
-    bread: DMatrix<f64>,
-    /// What rows were divided by.
-    std: DVector<f64>,
-}
-
-impl Fitted {
-    fn plain(fit: LeastSquares, std: DVector<f64>) -> Self {
-        Self { values: fit.values, covariance: fit.covariance, bread: fit.inverse_gram, std }
-    }
-
-    fn total(fit: TotalLeastSquares) -> Self {
-        Self { values: fit.values, covariance: fit.covariance, bread: fit.inverse_moment, std: fit.std }
-    }
-}
-
 impl<'a> Regression<'a> {
     fn new(
         table: &'a CoefficientTable,
@@ -141,27 +121,23 @@ impl<'a> Regression<'a> {
 
     fn fit(&self) -> Result<OutputFit, IdentifyError> {
         let (x, y, how) = (&self.basis, &self.y, Correlation::Rows(self.lag));
+        let plain = |fit: LeastSquares, std: &DVector<f64>| {
+            self.coloured(fit.values, fit.covariance, &fit.inverse_gram, std)
+        };
+        let total =
+            |fit: TotalLeastSquares| self.coloured(fit.values, fit.covariance, &fit.inverse_moment, &fit.std);
         let ones = DVector::from_element(y.len(), 1.0);
-        let fitted = match self.estimator {
-            Estimator::LeastSquares => Fitted::plain(least_squares(x, y, how)?, ones),
+        self.report(&match self.estimator {
+            Estimator::LeastSquares => plain(least_squares(x, y, how)?, &ones),
             Estimator::WeightedLeastSquares => {
                 let std = DVector::from_fn(y.len(), |k, _| self.output.std_at(self.rows[k]));
                 let std = if std.iter().all(|s| *s > 0.0) { std } else { ones };
-                Fitted::plain(weighted_least_squares(x, y, std.as_slice(), how)?, std)
+                plain(weighted_least_squares(x, y, std.as_slice(), how)?, &std)
             }
-            Estimator::TotalLeastSquares => {
-                Fitted::total(total_least_squares(x, y, &self.mean_errors(), how)?)
-            }
-            Estimator::TotalLeastSquaresByRow => {
-                Fitted::total(by_row(x, y, &|k| self.errors_of(self.rows[k]), how)?)
-            }
-            Estimator::FrequencyDomain => return self.report(&self.in_frequency()?),
-        };
-        let errors = self.colour(&fitted).unwrap_or_else(|| Coloured {
-            degrees: (x.nrows() - fitted.values.len()) as f64,
-            covariance: fitted.covariance,
-        });
-        self.report(&Solved { values: fitted.values, errors })
+            Estimator::TotalLeastSquares => total(total_least_squares(x, y, &self.mean_errors(), how)?),
+            Estimator::TotalLeastSquaresByRow => total(by_row(x, y, &|k| self.errors_of(self.rows[k]), how)?),
+            Estimator::FrequencyDomain => self.in_frequency()?,
+        })
     }
 
     /// Least squares in the band, then weighted by the variance that the errors' transforms have at those
@@ -181,8 +157,8 @@ impl<'a> Regression<'a> {
         let errors = Coloured { covariance: plain.covariance, degrees };
         let mut solved = Solved { values: plain.values, errors };
         for _ in 0..STEPS {
-            // A record that ends leaks what is strong at high frequencies into all low ones alike: transforms'
-            // errors of neighbours then go together, and real and imaginary parts differ.
+            // A record that ends leaks what is strong at high frequencies into all low ones alike: errors of
+            // neighbouring transforms go together, and real and imaginary parts differ.
             let spread = &weights * self.errors_at(&solved.values).spread(&weights.transpose());
             if !spread.diagonal().iter().all(|d| *d > 0.0) {
                 break;
@@ -199,19 +175,26 @@ impl<'a> Regression<'a> {
         self.table.residual_errors(self.output, &self.dependence.independent, values, &self.rows)
     }
 
-    /// The covariance that the colour of the errors gives, where that is known; degrees of freedom are those
-    /// of the residuals' level. Rows were divided by their standard deviations, and have the colour when they
-    /// are.
-    fn colour(&self, fitted: &Fitted) -> Option<Coloured> {
-        let Fitted { values, bread, std, .. } = fitted;
-        let mut errors = self.errors_at(values);
+    /// Estimates with the covariance that the colour of the errors gives, where that is known. Rows were
+    /// divided by their standard deviations, and have the colour when they are; `bread` is what multiplies
+    /// the scores.
+    fn coloured(
+        &self,
+        values: DVector<f64>,
+        covariance: DMatrix<f64>,
+        bread: &DMatrix<f64>,
+        std: &DVector<f64>,
+    ) -> Solved {
+        let mut errors = self.errors_at(&values);
         let mean_square = std.norm_squared() / std.len() as f64;
         errors.gamma.iter_mut().for_each(|g| *g /= mean_square);
         errors.once.iter_mut().for_each(|e| e.component_div_assign(std));
-        let residuals = (&self.y - &self.basis * values).component_div(std);
+        let residuals = (&self.y - &self.basis * &values).component_div(std);
         let mut scaled = self.basis.clone();
         scaled.column_iter_mut().for_each(|mut c| c.component_div_assign(std));
-        coloured(&scaled, bread, &residuals, &errors)
+        let known = coloured(&scaled, bread, &residuals, &errors);
+        let degrees = (self.rows.len() - values.len()) as f64;
+        Solved { values, errors: known.unwrap_or(Coloured { covariance, degrees }) }
     }
 
     /// Error covariance of the independent columns and the output at an instant; where none is known, of the

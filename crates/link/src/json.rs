@@ -14,10 +14,8 @@ use std::time::{Duration, Instant};
 
 const NAME: &str = "json";
 
-/// How often the scene is sent again by UDP.
 const SCENE_AGAIN: Duration = Duration::from_secs(5);
 
-/// Longest datagram of UDP over IPv4.
 const LONGEST_DATAGRAM: usize = 65_507;
 
 /// Events as lines.

@@ -5,6 +5,7 @@
 
 use crate::LinkError;
 use serde::{Deserialize, Serialize};
+use smart_default::SmartDefault;
 use std::net::{SocketAddr, ToSocketAddrs};
 use std::path::PathBuf;
 
@@ -31,31 +32,23 @@ pub struct LiveSection {
 }
 
 /// MAVLink ODOMETRY over UDP.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, SmartDefault)]
 #[serde(default, deny_unknown_fields)]
 pub struct MavlinkOptions {
     /// Whereto: the port on which the autopilot, or a router before it, listens. PX4 in simulation: 14580.
+    #[default("127.0.0.1:14580".into())]
     pub address: String,
     /// Wherefrom; empty: any port, on the machine alone where `address` is on it.
     pub bind: String,
     /// At most so many poses a second. PX4 wants 30 to 50; ArduPilot at least 4.
+    #[default(50.0)]
     pub rate_hz: f64,
     /// MAVLink system: that of the vehicle.
+    #[default(1)]
     pub system_id: u8,
     /// MAVLink component: 197, visual-inertial odometry.
+    #[default(197)]
     pub component_id: u8,
-}
-
-impl Default for MavlinkOptions {
-    fn default() -> Self {
-        Self {
-            address: "127.0.0.1:14580".into(),
-            bind: String::new(),
-            rate_hz: 50.0,
-            system_id: 1,
-            component_id: 197,
-        }
-    }
 }
 
 /// Axes of the body that a client of NatNet or VRPN gets; the world is W, Z up, either way.
@@ -71,78 +64,55 @@ pub enum BodyAxes {
 }
 
 /// NatNet 3.1 by unicast.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, SmartDefault)]
 #[serde(default, deny_unknown_fields)]
 pub struct NatnetOptions {
     /// Command port, on which clients ask.
+    #[default("127.0.0.1:1510".into())]
     pub address: String,
     /// Port of a client's machine to which frames go.
+    #[default(1511)]
     pub data_port: u16,
     /// Axes of the body.
     pub body_axes: BodyAxes,
 }
 
-impl Default for NatnetOptions {
-    fn default() -> Self {
-        Self { address: "127.0.0.1:1510".into(), data_port: 1511, body_axes: BodyAxes::Flu }
-    }
-}
-
 /// VRPN tracker.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, SmartDefault)]
 #[serde(default, deny_unknown_fields)]
 pub struct VrpnOptions {
     /// Port, UDP and TCP, on which clients ask.
+    #[default("127.0.0.1:3883".into())]
     pub address: String,
     /// Axes of the body.
     pub body_axes: BodyAxes,
 }
 
-impl Default for VrpnOptions {
-    fn default() -> Self {
-        Self { address: "127.0.0.1:3883".into(), body_axes: BodyAxes::Flu }
-    }
-}
-
 /// Events, one JSON object a line.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, SmartDefault)]
 #[serde(default, deny_unknown_fields)]
 pub struct JsonOptions {
     /// TCP: clients connect here and read; empty: none.
+    #[default("127.0.0.1:4884".into())]
     pub tcp: String,
     /// UDP: one line a datagram is sent here; empty: none.
     pub udp: String,
 }
 
-impl Default for JsonOptions {
-    fn default() -> Self {
-        Self { tcp: "127.0.0.1:4884".into(), udp: String::new() }
-    }
-}
-
 /// Events by Zenoh, in a build with the feature `zenoh`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, SmartDefault)]
 #[serde(default, deny_unknown_fields)]
 pub struct ZenohOptions {
     /// Endpoints on which others may connect.
+    #[default(vec!["tcp/127.0.0.1:7447".into()])]
     pub listen: Vec<String>,
     /// Endpoints of routers or peers to connect to; tried until they are there.
     pub connect: Vec<String>,
     /// First part of every key.
+    #[default("mavsight".into())]
     pub prefix: String,
     /// Whether to look for others by multicast: leaves the machine.
     pub scouting: bool,
-}
-
-impl Default for ZenohOptions {
-    fn default() -> Self {
-        Self {
-            listen: vec!["tcp/127.0.0.1:7447".into()],
-            connect: Vec::new(),
-            prefix: "mavsight".into(),
-            scouting: false,
-        }
-    }
 }
 
 /// The address that a text names, IPv4 where it has both.

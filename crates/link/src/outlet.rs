@@ -30,7 +30,6 @@ pub struct Body {
 }
 
 impl Body {
-    /// Longest name that every protocol takes.
     const LONGEST: usize = 63;
 
     /// A body of that name. What is no letter of ASCII, digit, `-`, `_` or `.` becomes `_`, as `@`, `/` and

@@ -6,7 +6,6 @@ use std::net::{SocketAddr, TcpStream};
 /// What may wait for one reader: some seconds of events. One that lags further is cut off, and may come back.
 const MOST_WAITING: usize = 1 << 18;
 
-/// Most connections of one outlet.
 pub(crate) const MOST: usize = 32;
 
 /// A connection that never makes its writer wait.

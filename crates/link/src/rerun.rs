@@ -16,8 +16,8 @@ mod columns;
 mod file;
 
 use crate::{Event, LinkError, Outlet, PoseEvent, Scene, Tracking};
-use arrow_array::{Float64Array, UInt8Array, UInt32Array};
-use columns::{captured, component, fixed, flight_time, floats, lists, texts};
+use arrow_array::{Float64Array, StringArray, UInt8Array, UInt32Array};
+use columns::{captured, component, fixed, flight_time, floats, lists};
 use file::RrdFile;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -51,7 +51,7 @@ impl Rerun {
     fn scene(&mut self, scene: &Scene) -> io::Result<()> {
         let points = |places: Vec<[f64; 3]>, names: Vec<&str>| {
             let places = lists([places.len()], fixed::<3>(floats(places.as_flattened())));
-            let labels = lists([names.len()], texts(names));
+            let labels = lists([names.len()], StringArray::from(names));
             vec![
                 component("Points3D", "positions", "Position3D", places),
                 component("Points3D", "labels", "Text", labels),
@@ -72,7 +72,7 @@ impl Rerun {
     }
 
     fn text(&mut self, entity: &str, t_s: f64, text: &str) -> io::Result<()> {
-        let body = component("TextLog", "text", "Text", lists([1], texts([text])));
+        let body = component("TextLog", "text", "Text", lists([1], StringArray::from(vec![text])));
         self.file.chunk(entity, 1, vec![flight_time([t_s]), body])
     }
 
@@ -123,13 +123,8 @@ impl Rerun {
             _ => Ok(()),
         }
     }
-
-    fn fault(&self, done: io::Result<()>) -> Result<(), LinkError> {
-        done.map_err(|source| LinkError::File { path: self.path.display().to_string(), source })
-    }
 }
 
-/// Values of one curve or three.
 type Curve = fn(&PoseEvent) -> Vec<f64>;
 
 const SCALARS: [(&str, Curve); 6] = [
@@ -145,8 +140,7 @@ const SCALARS: [(&str, Curve); 6] = [
 
 impl Outlet for Rerun {
     fn event(&mut self, event: &Event) -> Result<(), LinkError> {
-        let done = self.take(event);
-        self.fault(done)
+        self.take(event).map_err(|source| LinkError::File { path: self.path.display().to_string(), source })
     }
 }
 

@@ -32,7 +32,6 @@ pub(crate) fn is_no_fault(kind: io::ErrorKind) -> bool {
     matches!(kind, WouldBlock | TimedOut | Interrupted | ConnectionRefused | ConnectionReset)
 }
 
-/// Sends a datagram, if there is room for it.
 pub(crate) fn send(
     outlet: &'static str,
     socket: &UdpSocket,

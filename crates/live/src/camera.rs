@@ -22,7 +22,6 @@ const WAITING_FAST: usize = 8;
 /// Pause of a tracker after its report, which leaves the processor to the pose estimate.
 const POSE_TIME: Duration = Duration::from_millis(1);
 
-/// First wait before a source is opened again.
 const FIRST_WAIT_NS: i64 = 200_000_000;
 /// Longest wait before a source is opened again, after repeated failures.
 const LONGEST_WAIT_NS: i64 = 4_000_000_000;
@@ -33,35 +32,21 @@ struct Arrival {
     frame: Arc<Frame>,
 }
 
-/// A report of a camera's threads.
 pub(crate) enum Report {
     /// Its source is open.
-    Opened {
-        camera: usize,
-    },
-    Gone {
-        camera: usize,
-        reason: String,
-    },
+    Opened { camera: usize },
+    /// Its source has ended or cannot be opened.
+    Gone { camera: usize, reason: String },
     /// Something went wrong with a frame.
-    Fault {
-        camera: usize,
-        text: String,
-    },
+    Fault { camera: usize, text: String },
     /// A frame is not later than the one before it.
-    WentBack {
-        camera: usize,
-        stamp_ns: i64,
-    },
+    WentBack { camera: usize, stamp_ns: i64 },
     /// The detections of a frame.
     Seen(Seen),
     /// The last report.
-    Ended {
-        camera: usize,
-    },
+    Ended { camera: usize },
 }
 
-/// The detections of a frame.
 pub(crate) struct Seen {
     pub(crate) camera: usize,
     pub(crate) stamp_ns: i64,

@@ -54,7 +54,6 @@ impl FlightClock {
         Duration::from_nanos(u64::try_from(t_ns.saturating_sub(self.now_ns())).unwrap_or(0))
     }
 
-    /// Waits until a flight time, or until `stop` is set.
     pub(crate) fn wait_until(&self, t_ns: i64, stop: &AtomicBool) {
         loop {
             let left = self.until(t_ns);

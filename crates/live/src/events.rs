@@ -52,7 +52,6 @@ fn view(name: &str, camera: &Camera) -> CameraView {
     }
 }
 
-/// A pose with its motion, where the filter has one.
 pub(crate) fn measured(estimate: &PoseEstimate, motion: Option<&MotionSample>) -> Measured {
     Measured {
         world_from_body: estimate.world_from_body,
@@ -106,7 +105,6 @@ pub(crate) fn pose(
     }))
 }
 
-/// The detections of each camera at an instant.
 pub(crate) fn detections<'a>(
     instant: &'a InstantEstimate<'_>,
     rig: &'a Rig,

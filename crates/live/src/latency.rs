@@ -1,22 +1,19 @@
 //! Statistics of durations in constant memory.
 
+use smart_default::SmartDefault;
+
 /// Ratio of neighbouring bin edges of the histogram.
 const STEP: f64 = 1.05;
 /// Bins from 1 µs to beyond 10 s.
 const STEPS: usize = 340;
 
 /// A histogram of durations from a microsecond to ten seconds, exact to 5 %.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, SmartDefault)]
 pub struct Latencies {
+    #[default(vec![0; STEPS])]
     counts: Vec<u64>,
     total: u64,
     most_ms: f64,
-}
-
-impl Default for Latencies {
-    fn default() -> Self {
-        Self { counts: vec![0; STEPS], total: 0, most_ms: 0.0 }
-    }
 }
 
 impl Latencies {

@@ -27,16 +27,12 @@ pub(crate) struct MotionFilter {
 
 impl MotionFilter {
     /// A filter before its first pose; with a noise it gives motion from the first poses on.
-    ///
-    /// # Errors
-    /// A noise or gravity that is not finite and positive.
     pub(crate) fn new(noise: Option<MotionNoise>, gravity_m_s2: f64) -> Result<Self, LiveError> {
         let filter = noise.map(|n| CausalFilter::new(n, gravity_m_s2)).transpose()?;
         let windows_s: &[f64] = if filter.is_some() { &[] } else { &WINDOWS_S };
         Ok(Self { gravity_m_s2, filter, kept: Vec::new(), windows_s, finding: None })
     }
 
-    /// Adds an instant; returns its motion, if known.
     pub(crate) fn push(&mut self, sample: &PoseSample) -> Option<MotionSample> {
         // A pose that the filter refuses leaves it unchanged, and is sent without motion.
         let motion = self.filter.as_mut().and_then(|f| f.push(sample).ok().flatten());

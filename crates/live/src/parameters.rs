@@ -12,17 +12,14 @@ use mavsight_link::{Event, Parameter};
 use mavsight_pose::{PoseSample, smooth};
 use std::sync::{Arc, Mutex};
 
-/// Seconds of poses that are smoothed at a time.
 const WINDOW_S: f64 = 16.0;
 /// Rows of a window are used from this time after its beginning, except in the flight's first window:
 /// flapping is integrated from trim, and the error of that start decays within three time constants of the
 /// fly-bar.
 const WARM_UP_S: f64 = 10.0;
-/// Seconds from one estimate to the next.
 const EVERY_S: f64 = 1.0;
 /// Half width of a 95 % interval in standard deviations.
 const HALF_WIDTH: f64 = 1.96;
-/// Poses that may wait.
 const WAITING: usize = 4096;
 
 /// Inputs that were recorded or commanded.
@@ -74,7 +71,6 @@ impl Parameters {
         self.worker.queue.push(sample.clone());
     }
 
-    /// An estimate that was not reported yet.
     pub(crate) fn latest(&self) -> Option<Event> {
         locked(&self.latest).take()
     }
@@ -100,9 +96,7 @@ struct Work {
     options: Options,
     enough: f64,
     window: Vec<PoseSample>,
-    /// Whether the window begins with the flight.
     is_first: bool,
-    /// Rows up to this time have been used.
     until_s: f64,
     fits: Vec<Fit>,
 }
@@ -213,7 +207,6 @@ impl Fit {
     }
 }
 
-/// The fit of an output, made if missing.
 fn fit_of<'a>(fits: &'a mut Vec<Fit>, output: &Output) -> Option<&'a mut Fit> {
     let same = |f: &Fit| f.output == output.name && f.columns.len() == output.columns.len();
     if !fits.iter().any(same) {

@@ -85,7 +85,6 @@ impl LivePipeline {
         self.waiting.iter().filter(move |f| f.camera == camera).map(|f| f.stamp_ns)
     }
 
-    /// Whether each camera has enough frames or is gone.
     fn is_ready(&self) -> bool {
         (0..self.cameras.len()).all(|c| self.gone[c] || self.stamps_ns(c).count() >= WARM)
     }

@@ -60,7 +60,6 @@ struct Status {
     first_ns: Option<i64>,
     seconds: f64,
     fault: Option<String>,
-    /// Whether the fault was not reported yet.
     is_news: bool,
 }
 
@@ -112,7 +111,6 @@ impl RecorderSlot {
     }
 }
 
-/// One line of the log of detections.
 #[derive(Serialize)]
 struct Detected<'a> {
     camera: &'a str,

@@ -15,7 +15,6 @@ const SLOWEST_NS: i64 = 250_000_000;
 pub(crate) struct CameraStatus {
     pub(crate) interval_ns: i64,
     last_frame_ns: Option<i64>,
-    /// Reason why the source is gone.
     gone: Option<String>,
     /// Whether it is gone for good.
     is_over: bool,
@@ -25,7 +24,6 @@ pub(crate) struct CameraStatus {
     /// Latest latenesses of its frames, and their median.
     lateness_ns: VecDeque<i64>,
     pub(crate) usual_ns: i64,
-    /// Whether the flight goes on without it.
     pub(crate) is_left_out: bool,
     pub(crate) ended: bool,
     /// Since the last report: frames, frames in which each marker was identified, instants, latencies.
@@ -100,7 +98,6 @@ impl CameraStatus {
         std::mem::replace(&mut self.reported, now) != now
     }
 
-    /// The reason of a state, and its remedy.
     pub(crate) fn reason(&self, state: CameraState) -> Option<String> {
         let words = match state {
             CameraState::Running => return None,

@@ -13,7 +13,6 @@ pub(crate) fn spawn(name: &str, run: impl FnOnce() + Send + 'static) -> Result<J
     builder.spawn(run).map_err(|source| LiveError::Thread { name: name.to_owned(), source })
 }
 
-/// A thread that takes the items of a queue.
 pub(crate) struct Worker<T> {
     pub(crate) queue: Arc<Queue<T>>,
     thread: Mutex<Option<JoinHandle<()>>>,

@@ -5,7 +5,6 @@ use mavsight_pipeline::{Progress, Stage};
 use std::sync::Mutex;
 use std::time::Duration;
 
-/// Time from one turn of a spinner to the next.
 const TICK: Duration = Duration::from_millis(150);
 
 /// A bar a stage; silent where standard error is not a terminal, except for warnings.

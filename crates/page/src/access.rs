@@ -22,9 +22,6 @@ pub(crate) fn is_own_origin(origin: &str, host: &str) -> bool {
 }
 
 /// A new token: 128 random bits as hexadecimal digits.
-///
-/// # Errors
-/// The system's error where it has no random numbers.
 pub(crate) fn token() -> Result<String, getrandom::Error> {
     let mut bytes = [0_u8; 16];
     getrandom::fill(&mut bytes)?;

@@ -70,10 +70,8 @@ pub(crate) async fn serve(mut stream: TcpStream, hub: Arc<Hub>) {
     }
 }
 
-/// The answer to a request. If it opens a WebSocket, its mailbox is set.
-///
-/// # Errors
-/// A refusal; one for access says nothing about the files.
+/// The answer to a request, whose mailbox is set if it opens a WebSocket. A refusal of access says nothing
+/// about the files.
 fn respond(
     request: &Request<Incoming>,
     hub: &Hub,

@@ -38,7 +38,6 @@ impl Mailbox {
         }
     }
 
-    /// Poses that this page was too slow for.
     pub(crate) fn dropped(&self) -> u64 {
         lock(&self.queue).dropped
     }
@@ -59,7 +58,6 @@ pub(crate) struct Hub {
 struct Pages {
     mailboxes: Vec<Arc<Mailbox>>,
     state: Queue,
-    /// Instant of each camera's last picture.
     previewed: HashMap<usize, i64>,
 }
 
@@ -141,10 +139,7 @@ impl Hub {
         lock(&self.pages).mailboxes.retain(|other| !Arc::ptr_eq(other, mailbox));
     }
 
-    /// Passes a command to the producer.
-    ///
-    /// # Errors
-    /// A sentence for the user where too many wait, or nobody takes them any more.
+    /// Passes a command to the producer; the error is a sentence for the user.
     pub(crate) fn ask(&self, command: Command) -> Result<(), &'static str> {
         self.commands.try_send(command).map_err(|error| match error {
             TrySendError::Full(_) => {

@@ -24,7 +24,6 @@ const PARAMETERS: [(&str, usize); 13] = [
     ("k3", 5),
 ];
 
-/// Table 1 of the paper, and the residual of each control point.
 pub(crate) fn camera_tables(rig: &Rig) -> Vec<Table> {
     let header = |first: &str| row(first, rig.cameras.iter().map(|c| c.name.clone()));
     let parameters: Vec<Option<Dlt>> = rig.cameras.iter().map(|c| Dlt::from_camera(&c.camera).ok()).collect();

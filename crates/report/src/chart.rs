@@ -74,15 +74,12 @@ impl Curve {
 /// Points of a column of pixels beyond which a curve is thinned.
 const MOST_OF_A_COLUMN: usize = 5;
 
-#[derive(Debug, Clone)]
 pub(crate) struct Panel {
     /// Quantity and unit, beside the axis.
     pub axis: String,
     pub curves: Vec<Curve>,
 }
 
-/// Panels over one axis.
-#[derive(Debug, Clone)]
 pub(crate) struct Chart {
     /// Quantity and unit of that, below the last.
     pub axis: &'static str,
@@ -94,9 +91,6 @@ const LEGEND_HEIGHT: u32 = 34;
 const BAND_OPACITY: f64 = 0.22;
 
 /// Draws a chart as an SVG element that scales with the page.
-///
-/// # Errors
-/// [`ReportError::Plot`] when a chart has no finite point, or what the plotting library refuses.
 pub(crate) fn draw(chart: &Chart) -> Result<String, ReportError> {
     let points = chart.panels.iter().flat_map(|p| &p.curves).flat_map(|c| &c.points);
     let (start, end) = bounds(points.map(|p| p.0)).ok_or(ReportError::Plot("a chart has no finite point"))?;
@@ -129,7 +123,6 @@ fn legend(area: &Area<'_>, chart: &Chart) -> Drawn {
     Ok(())
 }
 
-/// A sample of a role's stroke.
 fn stroke(area: &Area<'_>, role: Role, points: &[(i32, i32); 2]) -> Drawn {
     let style = role.color().stroke_width(if role == Role::Model { 2 } else { 3 });
     match role {
@@ -225,7 +218,6 @@ fn tick(value: f64, span: f64) -> String {
     format!("{value:.digits$}")
 }
 
-/// Least and largest of the finite numbers.
 pub(crate) fn bounds(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
     values.filter(|v| v.is_finite()).fold(None, |b, v| match b {
         None => Some((v, v)),

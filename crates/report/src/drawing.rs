@@ -42,7 +42,6 @@ pub(crate) struct RoomDrawing {
     pub points_m: Vec<[f64; 3]>,
 }
 
-/// Space for labels.
 const LEFT: u32 = 62;
 const RIGHT: u32 = 24;
 const BELOW: u32 = 46;
@@ -51,7 +50,6 @@ const LEGEND: u32 = 34;
 const MARGIN_M: f64 = 0.3;
 
 impl BoxRole {
-    /// Fill and outline.
     fn styles(self) -> [Option<ShapeStyle>; 2] {
         match self {
             Self::Room => [None, Some(BLACK.stroke_width(2))],
@@ -69,9 +67,6 @@ impl BoxRole {
 
 /// Draws plan (X to the right, Y up) above elevation (X to the right, Z up), both to one scale, as an SVG
 /// element that scales with the page.
-///
-/// # Errors
-/// [`ReportError::Plot`] without a first box of some size, or what the plotting library refuses.
 pub(crate) fn draw_room(room: &RoomDrawing) -> Result<String, ReportError> {
     let extent = room.boxes.first().filter(|b| (0..3).all(|k| b.high_m[k] - b.low_m[k] > 0.0));
     let extent = extent.ok_or(ReportError::Plot("a room has no size"))?;

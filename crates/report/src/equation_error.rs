@@ -15,7 +15,6 @@ fn lead_fits(identification: &Identification) -> impl Iterator<Item = &OutputFit
     identification.fits.iter().filter(move |f| Some(f.estimator) == lead)
 }
 
-/// Adds the figures of the fits, and the verdicts.
 pub(crate) fn summarise(summary: &mut Summary, results: &RunResults) {
     if let Some(Clocks::Lag(lag)) = &results.clocks {
         let shown = format!("{:+.1} ± {:.1} ms", 1e3 * lag.lag_s, 1e3 * lag.std_s);

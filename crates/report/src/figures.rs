@@ -13,7 +13,6 @@ use mavsight_session::RunResults;
 use mavsight_simulator::FlightState;
 use mavsight_vision::Frame;
 
-/// A value at each instant.
 type Of<'a, T> = &'a dyn Fn(&T) -> f64;
 
 pub(crate) fn curve(label: &str, role: Role, points: impl Iterator<Item = (f64, f64)>) -> Curve {
@@ -36,13 +35,10 @@ fn seconds(t_ns: i64) -> f64 {
     t_ns as f64 * 1e-9
 }
 
-/// Half-width of a normal 95 % interval.
 const NORMAL_95: f64 = 1.959_964;
 
-/// Cells along each side of a map.
 const MAP_CELLS: usize = 30;
 
-/// The predicted precision over the calibrated volume.
 pub(crate) fn precision(rig: &Rig, pixel_std_px: f64) -> Result<Vec<Figure>, ReportError> {
     let Some(volume) = control_volume(rig) else { return Ok(vec![]) };
     let values = |plane: MapPlane| precision_map(rig, plane, MAP_CELLS, MAP_CELLS, pixel_std_px).std_mm;

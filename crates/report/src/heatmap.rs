@@ -42,7 +42,6 @@ impl HeatMap {
         ]
     }
 
-    /// Whether no cell has a value.
     pub(crate) fn is_empty(&self) -> bool {
         self.values.iter().all(Option::is_none)
     }
@@ -52,32 +51,14 @@ const HEIGHT: u32 = 400;
 const BAR_WIDTH: u32 = 110;
 const BAR_STEPS: usize = 64;
 
-/// Cividis at every fifth (Nuñez, Anderton & Renslow 2018), the same to readers with red-green blindness.
-const CIVIDIS: [[f64; 3]; 6] = [
-    [0.0, 32.0, 77.0],
-    [49.0, 68.0, 107.0],
-    [102.0, 105.0, 112.0],
-    [149.0, 143.0, 120.0],
-    [203.0, 186.0, 105.0],
-    [255.0, 234.0, 70.0],
-];
-
-/// The colour at a part of the scale, 0 to 1.
+/// The colour at a part of the scale, 0 to 1: Cividis (Nuñez, Anderton & Renslow 2018), which rises in lightness
+/// and reads the same with red-green blindness.
 fn color(part: f64) -> RGBColor {
-    let at = part.clamp(0.0, 1.0) * (CIVIDIS.len() - 1) as f64;
-    let from = (at as usize).min(CIVIDIS.len() - 2);
-    let share = at - from as f64;
-    let [r, g, b] = std::array::from_fn(|k| {
-        (CIVIDIS[from][k] * (1.0 - share) + CIVIDIS[from + 1][k] * share).round() as u8
-    });
+    let colorous::Color { r, g, b } = colorous::CIVIDIS.eval_continuous(part.clamp(0.0, 1.0));
     RGBColor(r, g, b)
 }
 
 /// Draws maps with a common colour bar, whose unit is given, as an SVG element that scales with the page.
-///
-/// # Errors
-/// [`ReportError::Plot`] when no map has a finite value or one has not as many values as cells, or what the
-/// plotting library refuses.
 pub(crate) fn draw_heat_maps(maps: &[HeatMap], unit: &str) -> Result<String, ReportError> {
     if maps.iter().any(|m| m.values.len() != m.columns * m.rows || m.values.is_empty()) {
         return Err(ReportError::Plot("a map has not as many values as cells"));
@@ -210,7 +191,7 @@ mod tests {
     fn the_least_and_the_largest_have_the_ends_of_the_scale_and_the_unseen_none() {
         let svg =
             draw_heat_maps(&[map(vec![Some(1.0), Some(3.0), None, Some(f64::NAN)])], "mm").expect("a map");
-        assert!(svg.contains("#00204D") && svg.contains("#FFEA46"), "{svg}");
+        assert!(svg.contains("#002051") && svg.contains("#FDE945"), "{svg}");
         assert_eq!(svg.matches("#969696").count(), 2, "two cells are crossed out");
         assert!(svg.contains("mm") && svg.contains("1.00") && svg.contains("3.00") && !svg.contains("NaN"));
     }

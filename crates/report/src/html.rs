@@ -105,12 +105,10 @@ impl Report {
     }
 }
 
-/// The bytes of a PNG file as an address.
 pub(crate) fn data_address(png: &[u8]) -> String {
     format!("data:image/png;base64,{}", base64::engine::general_purpose::STANDARD.encode(png))
 }
 
-/// Markup of a PNG file's bytes.
 pub(crate) fn image(png: &[u8]) -> String {
     format!("<img alt=\"\" src=\"{}\">", data_address(png))
 }

@@ -9,7 +9,6 @@ use mavsight_identify::output_error::{Comparison, Extent, FlightFits, OutputErro
 use mavsight_session::RunResults;
 use serde_json::json;
 
-/// Adds the figures of the fits, and the verdicts.
 pub(crate) fn summarise(summary: &mut Summary, results: &RunResults) {
     let fits = &results.output_error;
     for (name, fit) in fits.named() {

@@ -56,7 +56,6 @@ pub(crate) fn equation_rows(fit: &OutputFit) -> impl Iterator<Item = Vec<String>
     parameters.chain(combinations)
 }
 
-/// Parameters of output error, with the same cells.
 pub(crate) fn motion_rows(fit: &OutputErrorFit) -> impl Iterator<Item = Vec<String>> {
     fit.parameters.iter().map(|p| {
         let verdict = if p.identifiable { "" } else { "hardly determined" };

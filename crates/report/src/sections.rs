@@ -36,7 +36,6 @@ impl Summary {
     }
 }
 
-/// Offset and drift of a camera's clock.
 fn add_clock(summary: &mut Summary, name: &str, clock: &ClockEstimate) {
     let verdict = match clock.verdict {
         ClockVerdict::Reference => "reference",
@@ -65,7 +64,6 @@ fn add_clock(summary: &mut Summary, name: &str, clock: &ClockEstimate) {
     }
 }
 
-/// The markers, where they were refined from the flight.
 fn add_body(summary: &mut Summary, results: &RunResults) {
     for marker in &results.body {
         let mut section = summary.section_of("body", &marker.name, &marker.name);

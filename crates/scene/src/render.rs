@@ -13,7 +13,6 @@ use std::f64::consts::PI;
 
 /// Pixel value per unit of light: a white surface under the lamps is just below full well.
 pub(crate) const EXPOSURE: f64 = 0.85;
-/// Samples across a pixel of the room, each way.
 const ROOM_SAMPLES: u32 = 3;
 /// Samples across a pixel of what moves, each way; their 64 rows and columns are all different, so that an
 /// edge along an axis is met in 64 steps too. Balls cover a sample's cell in part, so that a disc's centroid
@@ -133,7 +132,6 @@ pub(crate) fn exposure(pose_at: impl Fn(f64) -> Isometry3<f64>) -> [Isometry3<f6
     std::array::from_fn(|k| pose_at((k as f64 + 0.5) / PART_SAMPLES as f64 - 0.5))
 }
 
-/// Parts at their poses over the exposure, with the light on them.
 pub(crate) struct Moving<'a> {
     pub parts: &'a [Part],
     /// Poses at evenly spread times of the exposure; one for what stands still.
@@ -161,7 +159,6 @@ pub(crate) struct Composer<'a> {
 /// of the ray's cell it covers.
 type Met = (usize, Hit, f64);
 
-/// The room behind the moving parts in a pixel.
 #[derive(Clone, Copy)]
 struct Background {
     light: [f64; 3],
@@ -190,7 +187,6 @@ impl<'a> Composer<'a> {
         Self { stride, ..self }
     }
 
-    /// Lets rays try every part.
     #[cfg(test)]
     pub(crate) fn trying_all(mut self) -> Self {
         self.outlines.fill(Outline::ALL);

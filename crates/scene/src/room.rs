@@ -16,7 +16,6 @@ const HEIGHT_M: f64 = 3.2;
 /// The floor lies below the world's origin, so that a control ball at the origin's height stands free of it.
 const FLOOR_M: f64 = -0.06;
 
-/// Paint of a surface.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Paint {
     Plain([f64; 3]),
@@ -155,7 +154,6 @@ impl Room {
         best
     }
 
-    /// Whether something stands between two points.
     pub(crate) fn hides(&self, from: &V, to: &V) -> bool {
         const END: f64 = f64::NEG_INFINITY;
         let way = to - from;
@@ -220,7 +218,6 @@ fn color(paint: Paint, p: &V) -> [f64; 3] {
     }
 }
 
-/// A white board in a grey frame, with lines of writing.
 fn board(p: &V) -> [f64; 3] {
     let (x, z) = (p.x - 1.2, p.z - 1.45);
     if x.abs() > 1.17 || z.abs() > 0.57 {
@@ -235,7 +232,6 @@ fn board(p: &V) -> [f64; 3] {
     [0.78, 0.78, 0.77]
 }
 
-/// A poster in muted tones.
 fn poster(p: &V) -> [f64; 3] {
     let (x, z) = (p.x + 1.0, p.z - 1.6);
     if x.abs() > 0.27 || z.abs() > 0.395 {

@@ -4,42 +4,34 @@
 //! in any order and in parallel, and films remain identical to the bit from version to version, so that
 //! figures measured on them can be compared.
 
+use smart_default::SmartDefault;
 use statrs::distribution::{ContinuousCDF, Normal};
 
-/// The camera's sensor and lens.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// The camera's sensor and lens; by default those of a consumer camera.
+#[derive(Debug, Clone, Copy, PartialEq, SmartDefault)]
 pub struct Sensor {
     /// Electrons of a saturated pixel.
+    #[default(8000.0)]
     pub full_well_e: f64,
     /// Read noise, standard deviation.
+    #[default(12.0)]
     pub read_noise_e: f64,
     /// Share of the frame interval for which the shutter is open.
+    #[default(0.25)]
     pub exposure_fraction: f64,
     /// Standard deviation of the lens's Gaussian blur.
+    #[default(0.5)]
     pub lens_blur_px: f64,
     /// Whether shot and read noise are added.
+    #[default(true)]
     pub noise: bool,
     /// Seed of the noise.
+    #[default(1)]
     pub seed: u64,
-}
-
-impl Default for Sensor {
-    /// A consumer camera: 8000 electrons, 12 read, a quarter of the interval, half a pixel of blur.
-    fn default() -> Self {
-        Self {
-            full_well_e: 8000.0,
-            read_noise_e: 12.0,
-            exposure_fraction: 0.25,
-            lens_blur_px: 0.5,
-            noise: true,
-            seed: 1,
-        }
-    }
 }
 
 /// Entries of the table from linear light to sRGB: finer than a quarter of a grey level at the darkest.
 const CODES: usize = 1 << 14;
-/// Entries of the table of normal quantiles.
 const QUANTILES: usize = 1 << 12;
 
 /// Tables that turn linear light into noisy 8-bit sRGB.

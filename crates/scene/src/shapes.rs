@@ -53,14 +53,12 @@ impl Ray {
     }
 }
 
-/// The point where a ray meets a surface.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Hit {
     pub distance_m: f64,
     pub normal: V,
 }
 
-/// A solid or a flat ring.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Shape {
     /// A box turned about the vertical.
@@ -115,7 +113,6 @@ impl Shape {
         ((from + to) / 2.0, (to - from).norm() / 2.0 + radius)
     }
 
-    /// Corners of the upright box that holds the shape.
     pub(crate) fn bounds(&self) -> (V, V) {
         let about = |centre: &V, half: V| (centre - half, centre + half);
         match self {

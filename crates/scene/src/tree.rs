@@ -8,7 +8,6 @@ type V = Vector3<f64>;
 /// Wider than rounding, so that no ray slips between an item and its box.
 const MARGIN_M: f64 = 1e-9;
 
-/// A box along the axes of the world.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Bounds {
     low: V,
@@ -42,7 +41,6 @@ impl Bounds {
 #[derive(Debug, Clone)]
 struct Node {
     bounds: Bounds,
-    /// Its item, if it holds a single one.
     item: Option<usize>,
     /// The next node if the ray does not meet this one.
     next: usize,

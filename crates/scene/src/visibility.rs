@@ -6,7 +6,6 @@ use crate::occluders::{Occluders, first_hit};
 use crate::shapes::{Ray, Shape};
 use nalgebra::{Isometry3, Point3, Vector3};
 
-/// Rays to a ball's face.
 const RAYS: usize = 48;
 
 impl Film<'_> {

@@ -16,7 +16,6 @@ pub(crate) fn ns_from_decimal(text: &str) -> Option<i64> {
     Some(sign * crate::ns_from_s(t_s))
 }
 
-/// Seconds with nine decimals.
 pub(crate) fn decimal_from_ns(t_ns: i64) -> String {
     let sign = if t_ns < 0 { "-" } else { "" };
     let t = t_ns.unsigned_abs();

@@ -2,6 +2,7 @@
 
 use crate::{SessionError, error::read_text, files::PartFile};
 use csv::StringRecord;
+use serde::Serialize;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -10,23 +11,23 @@ pub(crate) fn csv_lines<T: AsRef<[u8]>>(
     out: &mut dyn io::Write,
     header: impl IntoIterator<Item = T>,
 ) -> io::Result<csv::Writer<&mut dyn io::Write>> {
-    let mut lines = csv::WriterBuilder::new().comment(Some(b'#')).from_writer(out);
+    let mut lines = csv::WriterBuilder::new().comment(Some(b'#')).has_headers(false).from_writer(out);
     lines.write_record(header)?;
     Ok(lines)
 }
 
-/// Writes a table; cells that need quotes get them.
+/// Writes a table, each row from a list, tuple or struct; cells that need quotes get them.
 ///
 /// # Errors
 /// What the file system refuses.
 pub fn write_csv<T: AsRef<[u8]>>(
     path: &Path,
     header: impl IntoIterator<Item = T>,
-    rows: impl IntoIterator<Item = Vec<String>>,
+    rows: impl IntoIterator<Item = impl Serialize>,
 ) -> Result<(), SessionError> {
     let write = |out: &mut dyn io::Write| {
         let mut lines = csv_lines(out, header)?;
-        rows.into_iter().try_for_each(|row| lines.write_record(row))?;
+        rows.into_iter().try_for_each(|row| lines.serialize(row))?;
         lines.flush()
     };
     PartFile::write(path, write)?.keep()

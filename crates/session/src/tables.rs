@@ -65,7 +65,7 @@ pub fn write_numbers(
     columns: &[&str],
     rows: impl Iterator<Item = Vec<f64>>,
 ) -> Result<(), SessionError> {
-    write_csv(path, columns, rows.map(|row| row.iter().map(|x| format!("{x:.12}")).collect()))
+    write_csv(path, columns, rows.map(|row| row.iter().map(|x| format!("{x:.12}")).collect::<Vec<_>>()))
 }
 
 /// Reads `name,x_m,y_m,z_m,diameter_m,color` and, if it is there, `std_m`; an empty cell of it is 0.

@@ -1,14 +1,15 @@
-"""Poses into motion, and campaigns of simulated flights on one machine or many.
+"""Sessions and poses into motion, and campaigns of simulated flights on one machine or many.
 
+>>> motion, parameters, notes = mavsight.run("flight/session.toml")
 >>> motion = mavsight.smooth(t_s, pose, std)            # arrays of n times, n x 6 poses and their standard deviations
 >>> velocity = motion.state[:, 6:9]; velocity_std = motion.std[:, 6:9]
 >>> campaign = mavsight.Campaign("campaign.toml")
 >>> combination, estimates, stds = campaign.estimates(0, 100)
 """
 
-from ._mavsight import Campaign, Motion, smooth
+from ._mavsight import Campaign, Motion, run, smooth
 
-__all__ = ["Campaign", "Motion", "run_on", "smooth"]
+__all__ = ["Campaign", "Motion", "run", "run_on", "smooth"]
 
 _planned = {}
 

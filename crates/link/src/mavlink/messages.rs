@@ -5,9 +5,7 @@ use mavlink_core::utils::remove_trailing_zeroes;
 use mavlink_core::{Dialect, MavlinkVersion};
 
 const LOCAL_FRD: u8 = 20;
-/// MAV_FRAME_BODY_FRD.
 const BODY_FRD: u8 = 12;
-/// MAV_ESTIMATOR_TYPE_VISION.
 const VISION: u8 = 2;
 
 const HEARTBEAT: u32 = 0;

@@ -3,7 +3,7 @@
 use arrow_array::types::{DurationNanosecondType, Float32Type, TimestampNanosecondType};
 use arrow_array::{
     Array, ArrayRef, ArrowPrimitiveType, FixedSizeBinaryArray, FixedSizeListArray, ListArray, PrimitiveArray,
-    RecordBatch, StringArray,
+    RecordBatch,
 };
 use arrow_buffer::OffsetBuffer;
 use arrow_ipc::MetadataVersion;
@@ -44,7 +44,6 @@ pub(super) fn captured(captured_ns: impl IntoIterator<Item = i64>) -> Column {
     index::<TimestampNanosecondType>("captured", captured_ns)
 }
 
-/// Time since the flight began.
 pub(super) fn flight_time(t_s: impl IntoIterator<Item = f64>) -> Column {
     index::<DurationNanosecondType>("t", t_s.into_iter().map(|t_s| (t_s * 1e9).round() as i64))
 }
@@ -60,7 +59,6 @@ pub(super) fn row_ids(ids: Vec<u8>) -> Column {
     column("rerun.controls.RowId", Arc::new(FixedSizeBinaryArray::new(16, ids.into(), None)), false, &about)
 }
 
-/// One list for each row.
 pub(super) fn lists(rows: impl IntoIterator<Item = usize>, items: impl Array + 'static) -> ListArray {
     let item = Field::new_list_field(items.data_type().clone(), true);
     ListArray::new(Arc::new(item), OffsetBuffer::from_lengths(rows), Arc::new(items), None)
@@ -74,10 +72,6 @@ pub(super) fn fixed<const N: i32>(items: impl Array + 'static) -> FixedSizeListA
 
 pub(super) fn floats<'a>(values: impl IntoIterator<Item = &'a f64>) -> PrimitiveArray<Float32Type> {
     PrimitiveArray::from_iter_values(values.into_iter().map(|v| *v as f32))
-}
-
-pub(super) fn texts<'a>(texts: impl IntoIterator<Item = &'a str>) -> StringArray {
-    StringArray::from_iter_values(texts)
 }
 
 /// The Arrow IPC stream of one record batch.

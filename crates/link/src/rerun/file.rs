@@ -59,7 +59,6 @@ impl Message {
 }
 
 impl RrdFile {
-    /// Begins a recording of that application.
     pub(super) fn create(path: &Path, application: &str, begun_ns: i64) -> io::Result<Self> {
         let mut file = File::create(path)?;
         file.write_all(&[b"RRF2".as_slice(), &VERSION, &OPTIONS].concat())?;

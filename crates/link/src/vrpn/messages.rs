@@ -8,7 +8,6 @@ pub const TURN_S: f64 = 0.01;
 
 const HEADER: usize = 24;
 const ALIGN: usize = 8;
-/// What VRPN itself takes at most.
 const LONGEST: usize = 64_000;
 
 /// The first that either side sends; only what comes before the last point must be the same on both.
@@ -71,7 +70,6 @@ fn report(at_ns: i64, kind: Kind, numbers: &[f64]) -> Vec<u8> {
     message(at_ns, kind, &payload)
 }
 
-/// Position and attitude (x, y, z, w).
 pub(super) fn pos_quat(at_ns: i64, pose: &Isometry3<f64>) -> Vec<u8> {
     let (t, q) = (pose.translation, pose.rotation);
     report(at_ns, Kind::PosQuat, &[t.x, t.y, t.z, q.i, q.j, q.k, q.w])

@@ -12,7 +12,6 @@ const HANGS_NS: i64 = 3_000_000_000;
 const NEVER_STARTS_NS: i64 = 15_000_000_000;
 /// Cameras without a frame this long after the first ones are not waited for.
 const BEGIN_NS: i64 = 2_000_000_000;
-/// Time between two reports of stamps that went back.
 const REPORT_BACK_NS: i64 = 10_000_000_000;
 /// Intervals by which others are ahead of a camera that has ended when this is reported.
 const ENDED_INTERVALS: i64 = 2;

@@ -6,7 +6,6 @@ use crate::setup::Pace;
 use crate::{Latencies, events};
 use mavsight_link::{Event, Fix, Tracking};
 
-/// Time between two reports of rates and latencies.
 const REPORT_NS: i64 = 1_000_000_000;
 
 impl Flight<'_> {

@@ -9,14 +9,13 @@ use clap::ValueEnum;
 use mavsight_geometry::Vector3;
 use mavsight_pipeline::ControlPointRow;
 use mavsight_pose::Rig;
-use mavsight_session::foreign::dltdv;
 use mavsight_session::foreign::dltdv_points::{self, PointOptions};
 use mavsight_session::foreign::marker_paths::{self, MarkerPaths};
 use mavsight_session::foreign::pixels::PixelOrigin;
 use mavsight_session::foreign::poses::{
     TimedPose, Trajectory, read_pose_table, read_trajectory, write_pose_table, write_trajectory,
 };
-use mavsight_session::foreign::{CameraFormat, CameraOptions, Noted, c3d, read_cameras, trc, write_cameras};
+use mavsight_session::foreign::{CameraOptions, Noted, argus, c3d, dltdv, kalibr, opencv, ros, trc};
 use mavsight_session::{
     RunResults, SessionError, cameras_of, load_vehicle, read_rig, tables, write_control_points,
     write_markers, write_rig, write_whole,
@@ -60,17 +59,6 @@ pub(crate) fn convert(args: &Convert) -> Result<()> {
 
 fn name_of(format: Format) -> String {
     format.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
-}
-
-fn camera_format(format: Format) -> Option<CameraFormat> {
-    Some(match format {
-        Format::Dlt => CameraFormat::Dlt,
-        Format::Argus => CameraFormat::Argus,
-        Format::Opencv => CameraFormat::Opencv,
-        Format::Ros => CameraFormat::Ros,
-        Format::Kalibr => CameraFormat::Kalibr,
-        _ => return None,
-    })
 }
 
 type Body = Vec<(String, Vector3<f64>)>;
@@ -130,6 +118,7 @@ impl Call<'_> {
 
     fn read(&self) -> Result<Noted<Content>> {
         let Convert { input: path, cameras: names, points, size: sizes, frame: axes, std, .. } = self.args;
+        let cameras = self.camera_options();
         let mut read = named(match self.from {
             Format::Pose => plain(read_pose_table(path), Content::Poses),
             Format::Tum => plain(read_trajectory(path, Trajectory::Tum, *axes), Content::Poses),
@@ -156,10 +145,12 @@ impl Call<'_> {
             Format::Control => plain(tables::read_control_points(path), Content::Control),
             Format::Object => noted(dltdv::read_control_object(path), Content::Control),
             Format::Offsets => plain(dltdv_points::read_offsets(path, self.rate_hz()?), Content::Offsets),
-            from => match camera_format(from) {
-                Some(format) => noted(read_cameras(path, format, &self.camera_options()), Content::Cameras),
-                None => plain(read_rig(path), Content::Cameras),
-            },
+            Format::Dlt => noted(dltdv::read(path, &cameras), Content::Cameras),
+            Format::Argus => noted(argus::read(path, &cameras), Content::Cameras),
+            Format::Opencv => noted(opencv::read(path, &cameras), Content::Cameras),
+            Format::Ros => noted(ros::read(path, &cameras), Content::Cameras),
+            Format::Kalibr => noted(kalibr::read(path, &cameras), Content::Cameras),
+            Format::Rig | Format::Csv | Format::Parquet => plain(read_rig(path), Content::Cameras),
         })?;
         if let Content::Paths(paths) = &mut read.value
             && self.from != Format::Paths
@@ -227,9 +218,14 @@ impl Call<'_> {
     fn write_rig(&self, path: &Path, rig: &Rig, camera: Option<&str>) -> Result<Vec<String>> {
         let chosen = camera.map(|name| named(cameras_of(rig, &[name], &self.args.input))).transpose()?;
         let rig = chosen.as_ref().unwrap_or(rig);
-        named(match camera_format(self.to) {
-            Some(format) => write_cameras(path, format, rig, &self.camera_options()),
-            None => write_rig(path, rig).map(|()| Vec::new()),
+        let options = self.camera_options();
+        named(match self.to {
+            Format::Dlt => dltdv::write(path, rig, &options),
+            Format::Argus => argus::write(path, rig, &options),
+            Format::Opencv => opencv::write(path, rig, &options),
+            Format::Ros => ros::write(path, rig, &options),
+            Format::Kalibr => kalibr::write(path, rig, &options),
+            _ => write_rig(path, rig).map(|()| Vec::new()),
         })
     }
 
@@ -252,7 +248,6 @@ impl Call<'_> {
         self.args.rate.ok_or_else(|| WrongCall(missing.into()))
     }
 
-    /// Names of the points: those given, else the vehicle's markers.
     fn point_names(&self) -> Vec<String> {
         match &self.body {
             Some(body) if self.args.points.is_empty() => body.iter().map(|(n, _)| n.clone()).collect(),

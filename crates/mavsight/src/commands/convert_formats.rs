@@ -44,7 +44,6 @@ impl Format {
         }
     }
 
-    /// What its name says, where it says it.
     fn by_name(path: &Path) -> Option<Self> {
         let name = path.file_name()?.to_string_lossy().to_lowercase();
         let has = |part: &str| name.contains(part);
@@ -99,9 +98,6 @@ impl Format {
 
 /// The formats of both files: what is given, else what content and names say; OUT by the kind of IN where
 /// it ends in `.csv`.
-///
-/// # Errors
-/// Formats that are not known, or do not turn into each other.
 pub(super) fn formats(
     input: &Path,
     output: &Path,

@@ -65,7 +65,6 @@ fn session_of(args: &Identify) -> Option<String> {
     summary["session"].as_str().map(str::to_owned)
 }
 
-/// Output error from poses among the estimators' names.
 const OUTPUT_ERROR: &str = "oe";
 
 fn options(args: &Identify) -> Result<IdentifyOptions> {

@@ -71,7 +71,6 @@ fn noise_of(session: &Session) -> Result<Option<MotionNoise>> {
     motion_noise(&poses).map(Some).with_context(|| format!("{}", path.display()))
 }
 
-/// What a recording of a session's flight is of.
 fn recorded(session: &Session, args: &Live) -> Result<RecordedSession> {
     let mut file: SessionFile = read_toml(&session.path, "session file")?;
     if !args.replay {

@@ -15,7 +15,6 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Begins a recording of the flight in a folder.
 pub(super) type Begin = Box<dyn Fn(&Path) -> Result<Recorder> + Send>;
 
 /// Adds the listeners, flies, and reports; the page may calibrate from the control points `points`.

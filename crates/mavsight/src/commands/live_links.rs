@@ -28,7 +28,6 @@ fn options(session: &LiveSection, args: &Live) -> LiveSection {
     links
 }
 
-/// Opens them all, each as a listener with a queue of its own.
 pub(super) fn add_links(
     all: &mut Listeners,
     vehicle: &Vehicle,
@@ -48,7 +47,6 @@ pub(super) fn add_links(
 
 struct Link {
     outlet: Box<dyn Outlet>,
-    /// The last fault, which is reported once.
     said: Option<String>,
 }
 

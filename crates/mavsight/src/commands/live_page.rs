@@ -22,7 +22,6 @@ const WAITING: usize = 2;
 
 type Latest = Arc<Mutex<BTreeMap<usize, Arc<Frame>>>>;
 
-/// Serves the page of a flight: it hears of the flight and sees its frames.
 pub(super) fn add_page(
     address: Option<SocketAddr>,
     points: Vec<ControlPointRow>,
@@ -141,7 +140,6 @@ impl<B: Fn(&Path) -> Result<Recorder>> Page<B> {
         ))
     }
 
-    /// The state of the cameras and the last pose.
     fn check(&self) -> String {
         let cameras: Vec<String> = self
             .cameras

@@ -19,7 +19,6 @@ fn clock_of(camera: &SessionCamera) -> CameraClock {
     CameraClock { offset_s: camera.time_offset_s.unwrap_or(0.0), line_time_s, ..CameraClock::default() }
 }
 
-/// Running cameras, each opened again when it ends.
 pub(super) fn running(session: &Session) -> Result<(Vec<CameraSetup>, FlightClock)> {
     let setup = |camera: &SessionCamera| {
         let Some(live) = camera.live.clone() else {

@@ -32,7 +32,6 @@ const AHEAD: u64 = 32;
 struct Shared {
     pilot: Mutex<Pilot>,
     recorder: Arc<RecorderSlot>,
-    /// The frame that each camera films next.
     next: Vec<AtomicU64>,
 }
 
@@ -215,7 +214,6 @@ fn cameras_of(size: ImageSize) -> Result<Vec<VirtualCamera>, WrongCall> {
     Ok(cameras)
 }
 
-/// The room as a session, and a recording into it.
 fn record(
     to: &Path,
     vehicle: &Vehicle,

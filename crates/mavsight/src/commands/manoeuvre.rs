@@ -80,7 +80,11 @@ pub(crate) fn manoeuvre(args: &PlanManoeuvre) -> Result<()> {
     if let Some(out) = &args.out {
         make_folder(out)?;
         let header = ["manoeuvre", "parameter", "value", "std", "identifiable"];
-        write_csv(&out.join("manoeuvres.csv"), header, rows(&plans))?;
+        let rows = |(name, plan): &(String, PlannedManoeuvre)| -> Vec<_> {
+            let parameters = plan.fit.parameters.iter();
+            parameters.map(|p| (name.clone(), p.name, p.value, p.std, p.identifiable)).collect()
+        };
+        write_csv(&out.join("manoeuvres.csv"), header, plans.iter().flat_map(rows))?;
         write_json(&out.join("manoeuvres.json"), &json(&plans, &names))?;
         for (name, plan) in &plans {
             write_toml(&out.join(format!("scenario-{name}.toml")), &plan.scenario)?;
@@ -170,16 +174,6 @@ fn verdicts(plans: &Plans) -> Vec<String> {
             .to_owned(),
     );
     out
-}
-
-fn rows(plans: &Plans) -> impl Iterator<Item = Vec<String>> {
-    plans.iter().flat_map(|(name, plan)| {
-        plan.fit.parameters.iter().map(|p| {
-            let numbers = [p.value, p.std].map(|v| format!("{v:e}"));
-            let names = [name.clone(), p.name.to_owned()];
-            [&names[..], &numbers, &[p.identifiable.to_string()]].concat()
-        })
-    })
 }
 
 fn json(plans: &Plans, names: &[&str]) -> serde_json::Value {

@@ -16,7 +16,6 @@ use serde_json::json;
 use std::path::Path;
 use std::time::Instant;
 
-/// Angles and distances of the study.
 const ANGLES_DEG: std::ops::RangeInclusive<u32> = 8..=30;
 const ANGLE_STEP_DEG: f64 = 5.0;
 const DISTANCES: std::ops::RangeInclusive<u32> = 6..=20;
@@ -106,7 +105,6 @@ fn placement_table(plan: &CameraPlan<'_>) -> String {
     out
 }
 
-/// The best angle and distance, where they were asked for.
 fn study_text(plan: &CameraPlan<'_>) -> String {
     let [angles, distances] = &plan.study;
     let mut out = String::new();
@@ -127,19 +125,13 @@ fn study_text(plan: &CameraPlan<'_>) -> String {
 
 fn write_placements(plan: &CameraPlan<'_>, path: &Path) -> Result<(), SessionError> {
     let header = "rank,camera,type,x_m,y_m,z_m,aim_x_m,aim_y_m,aim_z_m,mean_position_std_mm,worst_position_std_mm,new_position_std_mm,mean_attitude_std_deg,least_diameter_px";
-    let of_rank = |(rank, r): (usize, &Ranked)| -> Vec<Vec<String>> {
+    let of_rank = |(rank, r): (usize, &Ranked)| -> Vec<_> {
         let p = &r.prediction;
+        let errors = [p.mean.position_std_mm, p.worst.position_std_mm, p.mean.new_position_std_mm];
+        let seen = (p.mean.attitude_std_deg, p.least_diameter_px);
         let row = |(k, c): (usize, &Placed)| {
-            let names = [(rank + 1).to_string(), plan.planner.name(k), kind_of(plan, c)];
-            let places = c.centre_m.iter().chain(&c.aim_m).map(|v| format!("{v:.4}"));
-            let errors = [
-                format!("{:.5}", p.mean.position_std_mm),
-                format!("{:.5}", p.worst.position_std_mm),
-                format!("{:.5}", p.mean.new_position_std_mm),
-                format!("{:.6}", p.mean.attitude_std_deg),
-                format!("{:.3}", p.least_diameter_px),
-            ];
-            names.into_iter().chain(places).chain(errors).collect()
+            let places: [[f64; 3]; 2] = [c.centre_m.into(), c.aim_m.into()];
+            (rank + 1, plan.planner.name(k), kind_of(plan, c), places, errors, seen)
         };
         r.placed.iter().enumerate().map(row).collect()
     };
@@ -159,7 +151,6 @@ struct CameraEntry {
     aim_m: [f64; 3],
 }
 
-/// The part of `plan.json` that is read again.
 #[derive(Deserialize)]
 struct PlanFile {
     placements: Vec<Placement>,

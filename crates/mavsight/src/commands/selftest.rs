@@ -12,11 +12,10 @@ use mavsight_pipeline::{NoProgress, Progress};
 use mavsight_random::Random;
 use mavsight_scene::Room;
 use mavsight_score::{Coverage, TOO_FEW, Tally, VirtualFlight, VirtualLab};
-use mavsight_session::{RESULTS_SCHEMA, Session, SessionError, make_folder, write_csv, write_json};
+use mavsight_session::{RESULTS_SCHEMA, Session, make_folder, write_csv, write_json};
 use mavsight_simulator::Staging;
 use rayon::prelude::*;
 use serde_json::json;
-use std::path::Path;
 
 /// Flights by sets of observations, and films, where no number is given.
 const FLIGHTS: u64 = 200;
@@ -51,7 +50,8 @@ pub(crate) fn selftest(args: &Selftest) -> Result<()> {
     out!("{}", table(&coverage));
     if let Some(out) = &args.out {
         make_folder(out)?;
-        write_coverage(&coverage, &out.join("selftest.csv"))?;
+        let header = "quantity,unit,share,share_low,share_high,nees,nees_low,nees_high,rms,verdict,accepted";
+        write_csv(&out.join("selftest.csv"), header.split(','), &coverage)?;
         let summary = json!({
             "schema": RESULTS_SCHEMA,
             "laboratory": name,
@@ -99,7 +99,6 @@ fn lab_of(args: &Selftest, bars: &Bars) -> Result<(String, VirtualLab)> {
     Ok((session.file.name, lab))
 }
 
-/// One flight through the virtual room and the whole chain.
 fn film(lab: &VirtualLab, seed: u64, index: u64) -> Result<VirtualFlight> {
     let mut random = Random::new(seed, index);
     let truth = lab.flight(&mut random)?;
@@ -157,17 +156,4 @@ fn table(coverage: &[Coverage]) -> String {
         );
     }
     out
-}
-
-fn write_coverage(coverage: &[Coverage], path: &Path) -> Result<(), SessionError> {
-    let header = "quantity,unit,share,share_low,share_high,nees,nees_low,nees_high,rms,verdict,accepted";
-    let row = |c: &Coverage| {
-        let ([low, high], [least, most]) = (c.share_interval, c.nees_interval);
-        let shares = [c.share, low, high].map(|v| format!("{v:.5}"));
-        let nees = [c.nees, least, most].map(|v| format!("{v:.4}"));
-        let names = [c.quantity.to_string(), c.unit.to_string()];
-        let verdict = [format!("{:.6}", c.rms), c.verdict.to_string(), c.is_accepted.to_string()];
-        [&names[..], &shares, &nees, &verdict].concat()
-    };
-    write_csv(path, header.split(','), coverage.iter().map(row))
 }

@@ -71,7 +71,7 @@ fn digitised_points() {
     lab.refuses("again-xypts.tsv out-markers.csv --rate 50", &["--cameras"]);
     for (text, words) in [
         (format!("{head}1,2,3\n"), &["line 2", "3 cells", "4"]),
-        (format!("{head}1,2,x,4\n"), &["line 2", "column 3", "\"x\""]),
+        (format!("{head}1,2,x,4\n"), &["line 2", "column pt1_cam2_X", "\"x\""]),
         (head.replace("cam1_Y", "cam3_Y"), &["column 2", "pt1_cam3_Y", "pt1_cam1_V"]),
     ] {
         lab.write("bad-xypts.csv", text).refuses("bad-xypts.csv out-markers.csv --rate 50", words);

@@ -5,7 +5,6 @@ use mavsight_pose::{Rig, RigCamera, control_volume, volume_precision};
 use mavsight_session::RunResults;
 use serde_json::json;
 
-/// The figures of each camera and of the rig.
 pub(super) fn add(summary: &mut Summary, results: &RunResults) {
     let Some(rig) = &results.rig else { return };
     rig.cameras.iter().for_each(|c| camera(summary, c));
@@ -45,7 +44,6 @@ fn camera(summary: &mut Summary, camera: &RigCamera) {
     }
 }
 
-/// How precise the cameras together are predicted to be.
 fn precision(summary: &mut Summary, rig: &Rig, pixel_std_px: f64) {
     let Some(p) = control_volume(rig).and_then(|v| volume_precision(rig, &v, pixel_std_px)) else { return };
     let mut section = summary.section("cameras");

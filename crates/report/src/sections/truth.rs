@@ -4,7 +4,6 @@ use crate::summary::Summary;
 use mavsight_score::Scores;
 use serde_json::json;
 
-/// Every figure of a comparison with truth.
 pub(super) fn add(summary: &mut Summary, scores: &Scores) {
     for camera in &scores.cameras {
         let mut section = summary.section_of("truth", &camera.camera, &camera.camera);

@@ -15,7 +15,10 @@ use mavsight_pose::Rig;
 use std::path::Path;
 
 /// Reads a profile; cameras get no place, which the profile does not hold.
-pub(super) fn read(path: &Path, options: &CameraOptions) -> Result<Noted<Rig>, SessionError> {
+///
+/// # Errors
+/// Those of [`crate::foreign`] for readers of cameras; what the file system refuses.
+pub fn read(path: &Path, options: &CameraOptions) -> Result<Noted<Rig>, SessionError> {
     let origin = options.origin.unwrap_or(PixelOrigin::Argus);
     let text = Text::read(path, "Argus camera profile")?;
     let mut cameras = Vec::new();
@@ -45,7 +48,10 @@ pub(super) fn read(path: &Path, options: &CameraOptions) -> Result<Noted<Rig>, S
 }
 
 /// Writes a profile; refuses pixels that are not square, since it has one focal length.
-pub(super) fn write(path: &Path, rig: &Rig, options: &CameraOptions) -> Result<Vec<String>, SessionError> {
+///
+/// # Errors
+/// Those of [`crate::foreign`] for writers of cameras; what the file system refuses.
+pub fn write(path: &Path, rig: &Rig, options: &CameraOptions) -> Result<Vec<String>, SessionError> {
     let origin = options.origin.unwrap_or(PixelOrigin::Argus);
     let mut text = String::new();
     let mut notes = Vec::new();

@@ -59,7 +59,6 @@ pub fn read(path: &Path) -> Result<Noted<MarkerPaths>, SessionError> {
     Ok(Noted { value: paths, notes: notes.into_iter().collect() })
 }
 
-/// How the data of a file lie in it.
 struct Layout {
     processor: Processor,
     points: usize,

@@ -6,7 +6,6 @@ use std::path::Path;
 
 pub(super) const BLOCK: usize = 512;
 
-/// How a file writes its numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Processor {
     Intel,
@@ -38,7 +37,6 @@ impl Processor {
     }
 }
 
-/// One parameter.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Parameter {
     kind: i8,
@@ -77,7 +75,6 @@ impl Parameter {
     }
 }
 
-/// Parameters by `GROUP:NAME`.
 pub(super) type Parameters = BTreeMap<String, Parameter>;
 
 /// Reads the section that begins at a block of a file.

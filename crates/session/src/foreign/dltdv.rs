@@ -17,7 +17,10 @@ use mavsight_pose::Rig;
 use std::path::Path;
 
 /// Reads `*DLTcoefs.csv` of DLTdv or `*-dlt-coefficients.csv` of Argus.
-pub(super) fn read(path: &Path, options: &CameraOptions) -> Result<Noted<Rig>, SessionError> {
+///
+/// # Errors
+/// Those of [`crate::foreign`] for readers of cameras; what the file system refuses.
+pub fn read(path: &Path, options: &CameraOptions) -> Result<Noted<Rig>, SessionError> {
     let text = Text::read(path, "DLT coefficients")?;
     let separator = if text.filled().next().is_some_and(|l| l.text.contains('\t')) { '\t' } else { ',' };
     let mut rows: Vec<Vec<f64>> = Vec::new();
@@ -104,7 +107,10 @@ fn origin_of(
 }
 
 /// Writes the eleven coefficients of each camera, shortest digits that read back the same.
-pub(super) fn write(path: &Path, rig: &Rig, options: &CameraOptions) -> Result<Vec<String>, SessionError> {
+///
+/// # Errors
+/// Those of [`crate::foreign`] for writers of cameras; what the file system refuses.
+pub fn write(path: &Path, rig: &Rig, options: &CameraOptions) -> Result<Vec<String>, SessionError> {
     let is_of_argus = path.to_string_lossy().contains("dlt-coefficients");
     let usual = if is_of_argus { PixelOrigin::Argus } else { PixelOrigin::Dltdv8 };
     let origin = options.origin.unwrap_or(usual);

@@ -7,7 +7,8 @@ use super::numbered;
 use super::pixels::PixelOrigin;
 use super::rigs::names_and_sizes;
 use super::text::{Line, Text};
-use crate::{RunResults, SessionError, read_markers, table::Table, write_whole};
+use crate::table::{Row, Table};
+use crate::{RunResults, SessionError, read_markers, write_whole};
 use mavsight_geometry::{ImageSize, Matrix2, Vector2, Vector3};
 use mavsight_pose::MarkerObservation;
 use std::collections::BTreeMap;
@@ -30,7 +31,6 @@ pub struct PointOptions {
     pub std_px: f64,
 }
 
-/// A row of a table; none of what is missing.
 type Cells = Vec<Option<f64>>;
 
 struct Matrix {
@@ -49,24 +49,17 @@ fn matrix(path: &Path, role: &str, rate_hz: f64) -> Result<Matrix, SessionError>
         let detail = format!("{rate_hz} Hz: give the frames a second as --rate");
         return Err(SessionError::value(path, "rate", detail));
     }
-    let text = Text::read(path, role)?;
-    if is_sparse(path) { sparse(&text) } else { dense(&text) }
+    if is_sparse(path) { sparse(&Text::read(path, role)?) } else { dense(&Table::read(path, role)?) }
 }
 
-fn dense(text: &Text) -> Result<Matrix, SessionError> {
-    let mut lines = text.filled();
-    let head = lines.next().ok_or_else(|| SessionError::no_rows(text.path()))?;
-    let header: Vec<String> = head.cells(',').iter().map(|c| c.trim_matches('"').to_owned()).collect();
-    let mut rows = Vec::new();
-    for line in lines {
-        let cells = line.cells(',');
-        if cells.len() != header.len() {
-            let (found, wanted) = (cells.len(), header.len());
-            return Err(line.refuse(format!("{found} cells where the header has {wanted}: complete the row")));
-        }
-        let value = |(k, cell): (usize, &&str)| Ok(line.number_if_any(k, cell)?.filter(|x| *x != 0.0));
-        rows.push(cells.iter().enumerate().map(value).collect::<Result<_, SessionError>>()?);
-    }
+fn dense(table: &Table) -> Result<Matrix, SessionError> {
+    let header: Vec<String> = table.names().map(str::to_owned).collect();
+    let cell = |row: Row<'_>, column: usize| -> Result<Option<f64>, SessionError> {
+        let is_nan = row.text(column).eq_ignore_ascii_case("nan");
+        if is_nan { Ok(None) } else { Ok(row.number_if_any(column)?.filter(|x| *x != 0.0)) }
+    };
+    let read = |row| (0..header.len()).map(|column| cell(row, column)).collect();
+    let rows = table.rows_if_any().map(read).collect::<Result<_, _>>()?;
     Ok(Matrix { columns: header.len(), header: Some(header), rows })
 }
 

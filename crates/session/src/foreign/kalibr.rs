@@ -11,7 +11,10 @@ use mavsight_pose::Rig;
 use std::path::Path;
 
 /// Reads a camchain: pinhole cameras with radtan distortion or none.
-pub(super) fn read(path: &Path, options: &CameraOptions) -> Result<Noted<Rig>, SessionError> {
+///
+/// # Errors
+/// Those of [`crate::foreign`] for readers of cameras; what the file system refuses.
+pub fn read(path: &Path, options: &CameraOptions) -> Result<Noted<Rig>, SessionError> {
     let file = YamlFile::read(path, "Kalibr camchain")?;
     let mut cameras = Vec::new();
     let mut notes = vec!["the world is cam0: x right, y down, z forward".to_owned()];
@@ -60,7 +63,10 @@ fn camera(
 }
 
 /// Writes a camchain; refuses a k3, which radtan has not.
-pub(super) fn write(path: &Path, rig: &Rig, options: &CameraOptions) -> Result<Vec<String>, SessionError> {
+///
+/// # Errors
+/// Those of [`crate::foreign`] for writers of cameras; what the file system refuses.
+pub fn write(path: &Path, rig: &Rig, options: &CameraOptions) -> Result<Vec<String>, SessionError> {
     let mut text = String::new();
     let mut notes = Vec::new();
     for (k, camera) in rig.cameras.iter().enumerate() {

@@ -65,13 +65,10 @@ pub fn read_table(path: &Path) -> Result<MarkerPaths, SessionError> {
 /// # Errors
 /// What the file system refuses.
 pub fn write_table(path: &Path, paths: &MarkerPaths) -> Result<(), SessionError> {
-    let of_instant = |(t_ns, places): (&i64, &Vec<Option<Vector3<f64>>>)| -> Vec<Vec<String>> {
-        let row = |(name, place): (&String, &Option<Vector3<f64>>)| {
-            let [x, y, z] =
-                place.map_or_else(Default::default, |p| [p.x, p.y, p.z].map(|v| format!("{v:?}")));
-            vec![decimal_from_ns(*t_ns), name.clone(), x, y, z]
-        };
-        paths.names.iter().zip(places).map(row).collect()
+    let of_instant = |(t_ns, places): (&i64, &Vec<Option<Vector3<f64>>>)| -> Vec<_> {
+        let time = decimal_from_ns(*t_ns);
+        let cells = |place: &Option<Vector3<f64>>| place.map_or([None; 3], |p| [p.x, p.y, p.z].map(Some));
+        paths.names.iter().zip(places).map(|(name, place)| (time.clone(), name, cells(place))).collect()
     };
     write_csv(path, COLUMNS, paths.t_ns.iter().zip(&paths.points_m).flat_map(of_instant))
 }
@@ -148,7 +145,6 @@ pub fn paths_of_body(poses: &[TimedPose], body: &[(String, Vector3<f64>)]) -> Ma
     }
 }
 
-/// Instants on an even clock.
 pub(super) struct Even {
     pub(super) rate_hz: f64,
     /// For each tick from the first instant on, the index of the instant there.

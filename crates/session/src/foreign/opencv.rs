@@ -21,7 +21,10 @@ const MATRIX: [&str; 4] = ["M", "K", "cameraMatrix", "camera_matrix"];
 const LENS: [&str; 4] = ["D", "D", "distCoeffs", "distortion_coefficients"];
 
 /// Reads a file that OpenCV 3, 4 or 5 or this program wrote; keeps skew, refuses coefficients beyond k3.
-pub(super) fn read(path: &Path, options: &CameraOptions) -> Result<Noted<Rig>, SessionError> {
+///
+/// # Errors
+/// Those of [`crate::foreign`] for readers of cameras; what the file system refuses.
+pub fn read(path: &Path, options: &CameraOptions) -> Result<Noted<Rig>, SessionError> {
     let file = YamlFile::read(path, "OpenCV calibration")?;
     let Some((family, suffixes)) = suffixes(&file) else {
         let detail = format!(
@@ -121,7 +124,10 @@ fn place(
 }
 
 /// Writes all cameras of a rig as M1 D1 M2 D2 ..., with R and T where there are two.
-pub(super) fn write(path: &Path, rig: &Rig, options: &CameraOptions) -> Result<Vec<String>, SessionError> {
+///
+/// # Errors
+/// Those of [`crate::foreign`] for writers of cameras; what the file system refuses.
+pub fn write(path: &Path, rig: &Rig, options: &CameraOptions) -> Result<Vec<String>, SessionError> {
     let mut text = String::from("%YAML:1.0\n---\n");
     let mut notes = Vec::new();
     let one = rig.cameras.len() == 1;

@@ -17,7 +17,7 @@ use std::sync::Arc;
 /// Not Parquet, damaged, or with columns that are lists or maps; what the file system refuses.
 pub fn to_csv(from: &Path, to: &Path) -> Result<(), SessionError> {
     let (header, rows) = parquet_rows::read(from, "Parquet table")?;
-    write_csv(to, header, rows.iter().map(|row| row.iter().map(str::to_owned).collect()))
+    write_csv(to, header, rows.iter().map(|row| row.iter().collect::<Vec<_>>()))
 }
 
 /// Reads a CSV table with a header and writes it as Parquet.

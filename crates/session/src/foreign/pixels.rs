@@ -38,7 +38,6 @@ impl PixelOrigin {
         }
     }
 
-    /// Whether v grows downwards.
     pub(super) fn is_top_left(self) -> bool {
         matches!(self, Self::TopLeftZero | Self::Dltdv8)
     }

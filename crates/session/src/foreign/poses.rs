@@ -48,9 +48,9 @@ pub fn write_pose_table(path: &Path, poses: &[TimedPose]) -> Result<(), SessionE
     let row = |pose: &TimedPose| {
         let values = pose.world_from_body.map(|p| {
             let (t, e) = (p.translation.vector, EulerAngles::from_world_from_body(&p));
-            [t.x, t.y, t.z, e.phi_rad, e.theta_rad, e.psi_rad].map(|v| format!("{v:?}"))
+            [t.x, t.y, t.z, e.phi_rad, e.theta_rad, e.psi_rad].map(Some)
         });
-        std::iter::once(decimal_from_ns(pose.t_ns)).chain(values.unwrap_or_default()).collect()
+        (decimal_from_ns(pose.t_ns), values.unwrap_or_default())
     };
     write_csv(path, header, poses.iter().map(row))
 }

@@ -86,7 +86,6 @@ pub(super) fn distortion(path: &Path, key: &str, d: &[f64]) -> Result<BrownConra
     Ok(BrownConrady { k1: at(0), k2: at(1), p1: at(2), p2: at(3), k3: at(4) })
 }
 
-/// The camera matrix, row by row.
 pub(super) fn camera_matrix(k: &Intrinsics) -> [f64; 9] {
     [k.fx_px, 0.0, k.cx_px, 0.0, k.fy_px, k.cy_px, 0.0, 0.0, 1.0]
 }

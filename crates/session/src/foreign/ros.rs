@@ -9,7 +9,10 @@ use mavsight_pose::Rig;
 use std::path::Path;
 
 /// Reads one camera; the distortion model is `plumb_bob`, or `rational_polynomial` with k4 to k6 of zero.
-pub(super) fn read(path: &Path, options: &CameraOptions) -> Result<Noted<Rig>, SessionError> {
+///
+/// # Errors
+/// Those of [`crate::foreign`] for readers of cameras; what the file system refuses.
+pub fn read(path: &Path, options: &CameraOptions) -> Result<Noted<Rig>, SessionError> {
     let file = YamlFile::read(path, "ROS camera_info")?;
     let at = file.key(&file.root, "image_width")?;
     let (w, h) = (file.number(at)?, file.number(file.key(&file.root, "image_height")?)?);
@@ -27,7 +30,10 @@ pub(super) fn read(path: &Path, options: &CameraOptions) -> Result<Noted<Rig>, S
 }
 
 /// Writes one camera; its rectification is none, its projection that of the undistorted camera.
-pub(super) fn write(path: &Path, rig: &Rig, options: &CameraOptions) -> Result<Vec<String>, SessionError> {
+///
+/// # Errors
+/// Those of [`crate::foreign`] for writers of cameras; what the file system refuses.
+pub fn write(path: &Path, rig: &Rig, options: &CameraOptions) -> Result<Vec<String>, SessionError> {
     let [camera] = &rig.cameras[..] else {
         let names: Vec<&str> = rig.cameras.iter().map(|c| c.name.as_str()).collect();
         let detail = format!("the format holds one: choose by --camera, of {}", names.join(", "));

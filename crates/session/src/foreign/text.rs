@@ -21,11 +21,6 @@ impl Text {
         Ok(Self { path: path.to_owned(), content: read_text(path, role)? })
     }
 
-    pub(super) fn path(&self) -> &Path {
-        &self.path
-    }
-
-    /// Lines that hold something.
     pub(super) fn filled(&self) -> impl Iterator<Item = Line<'_>> {
         let numbered = self.content.lines().zip(1..).filter(|(text, _)| !text.trim().is_empty());
         numbered.map(|(text, number)| Line { file: self, number, text })

@@ -10,7 +10,6 @@ use mavsight_geometry::{ImageSize, Intrinsics};
 use saphyr_parser::{Event, Parser};
 use std::path::{Path, PathBuf};
 
-/// A node and the line it begins on.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Yaml {
     line: u64,
@@ -47,7 +46,6 @@ impl YamlFile {
         SessionError::line(&self.path, node.line, detail)
     }
 
-    /// A key that must be there.
     pub(super) fn key<'a>(&self, node: &'a Yaml, key: &str) -> Result<&'a Yaml, SessionError> {
         node.get(key).ok_or_else(|| {
             self.refuse(node, format!("there is no {key:?}; the keys are {}: add it", node.keys().join(", ")))
@@ -140,7 +138,6 @@ impl Yaml {
         }
     }
 
-    /// Keys in order; none of what is no map.
     pub(super) fn keys(&self) -> Vec<&str> {
         match &self.value {
             Value::Map(entries) => entries.iter().map(|(k, _)| k.as_str()).collect(),

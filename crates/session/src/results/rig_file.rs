@@ -58,7 +58,6 @@ struct CameraEntry {
     name: String,
     width_px: u32,
     height_px: u32,
-    /// Name of the camera model that was chosen.
     model: String,
     /// L1 to L11 of the camera without its distortion; absent where the world's origin has no image.
     dlt: Option<[f64; 11]>,

@@ -9,12 +9,10 @@ use std::path::Path;
 struct Checks<'a>(&'a Path);
 
 impl Checks<'_> {
-    /// Refuses a key unless its condition holds.
     fn require(self, holds: bool, key: &str, detail: impl Into<String>) -> Result<(), SessionError> {
         if holds { Ok(()) } else { Err(SessionError::value(self.0, key, detail)) }
     }
 
-    /// Refuses an optional number that does not pass.
     fn number(
         self,
         value: Option<f64>,

@@ -3,19 +3,14 @@
 use h264_reader::nal::sps::SeqParameterSet;
 use h264_reader::nal::{Nal, RefNal};
 use mavsight_vision::YuvMatrix;
+use smart_default::SmartDefault;
 
-/// Range and matrix of a YUV video.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// Range and matrix of a YUV video; the default is what ffmpeg's scaler assumes where the stream does not say.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, SmartDefault)]
 pub(crate) struct YuvCoding {
     pub(crate) full_range: bool,
+    #[default(YuvMatrix::Bt601)]
     pub(crate) matrix: YuvMatrix,
-}
-
-impl Default for YuvCoding {
-    /// Limited range and BT.601: what ffmpeg's scaler assumes where the stream does not say.
-    fn default() -> Self {
-        Self { full_range: false, matrix: YuvMatrix::Bt601 }
-    }
 }
 
 impl YuvCoding {

@@ -61,7 +61,6 @@ pub(crate) fn open(path: &Path, ffmpeg: &str, reason: &str) -> Result<Opened, Se
     Ok(Opened { size, declared: None, declared_s, quarters, frames: Box::new(frames) })
 }
 
-/// A program that runs, with both its outputs.
 pub(super) struct Process {
     pub(super) child: Child,
     pub(super) stdout: ChildStdout,
@@ -157,7 +156,6 @@ pub(super) struct Shown {
 
 /// A thread that reads what ffmpeg says.
 pub(super) struct Listener {
-    /// Of each frame, in order.
     pub(super) shown: Receiver<Shown>,
     words: Arc<Mutex<Words>>,
     thread: Option<JoinHandle<()>>,
@@ -176,7 +174,6 @@ impl Listener {
         self.words.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// All words of a program that has ended.
     fn all_words(&mut self) -> MutexGuard<'_, Words> {
         // What a thread that broke down has heard is in its words.
         let _ = self.thread.take().map(JoinHandle::join);

@@ -38,7 +38,6 @@ impl Pattern {
         number.parse().ok().filter(|n| plain && self.file(*n).file_name().is_some_and(|f| f == name))
     }
 
-    /// Numbers of the files that are there, ascending.
     fn numbers(&self) -> Vec<u64> {
         let folder = if self.folder.as_os_str().is_empty() { Path::new(".") } else { &self.folder };
         let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };

@@ -107,7 +107,6 @@ impl LiveVideo {
         Ok((t_ns, Arc::new(frame)))
     }
 
-    /// Refuses stamps that are not by the system's clock.
     fn check_clock(&self, t_ns: i64) -> Result<(), SessionError> {
         let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let now_ns = i64::try_from(since.as_nanos()).unwrap_or(i64::MAX);

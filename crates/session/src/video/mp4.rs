@@ -14,7 +14,6 @@ use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
-/// Why a file or a picture cannot be had.
 pub(crate) enum Failure {
     /// It is sound, but the built-in decoder does not read it; and why.
     Unsupported(String),

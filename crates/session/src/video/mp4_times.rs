@@ -2,7 +2,6 @@
 
 use re_mp4::{Mp4, Track};
 
-/// One sample of the track in decoding order.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Sample {
     pub(crate) offset: u64,
