@@ -51,8 +51,8 @@ const HEIGHT: u32 = 400;
 const BAR_WIDTH: u32 = 110;
 const BAR_STEPS: usize = 64;
 
-/// The colour at a part of the scale, 0 to 1: Cividis (Nuñez, Anderton & Renslow 2018), which rises in lightness
-/// and reads the same with red-green blindness.
+/// The colour at a part of the scale, 0 to 1: Cividis (Nuñez, Anderton & Renslow 2018), which rises in
+/// lightness and reads the same with red-green blindness.
 fn color(part: f64) -> RGBColor {
     let colorous::Color { r, g, b } = colorous::CIVIDIS.eval_continuous(part.clamp(0.0, 1.0));
     RGBColor(r, g, b)

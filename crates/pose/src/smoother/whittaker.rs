@@ -32,8 +32,8 @@ pub fn lowpass_like(series: &[f64], dt_s: f64, bandwidth_hz: f64) -> Vec<f64> {
     out
 }
 
-/// Solves a banded system with equal rows by its Cholesky factor, which is kept by rows: `row[k]` is the entry k
-/// columns left of the diagonal.
+/// Solves a banded system with equal rows by its Cholesky factor, which is kept by rows: `row[k]` is the
+/// entry k columns left of the diagonal.
 fn banded_solve(band: &[f64; BAND + 1], ridge: f64, mut b: Vec<f64>) -> Vec<f64> {
     let n = b.len();
     let mut factor: Vec<[f64; BAND + 1]> = Vec::with_capacity(n);

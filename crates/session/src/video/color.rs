@@ -5,7 +5,7 @@ use h264_reader::nal::{Nal, RefNal};
 use mavsight_vision::YuvMatrix;
 use smart_default::SmartDefault;
 
-/// Range and matrix of a YUV video; the default is what ffmpeg's scaler assumes where the stream does not say.
+/// Range and matrix of a YUV video; where the stream does not say, those that ffmpeg's scaler assumes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, SmartDefault)]
 pub(crate) struct YuvCoding {
     pub(crate) full_range: bool,

@@ -9,8 +9,8 @@ const HELD: f64 = 1e12;
 /// Columns of the sums that are added to together: as many sums as a vector unit keeps at hand.
 const TOGETHER: usize = 10;
 
-/// Columns of the information matrix from the diagonal down and behind each, in row [`RESIDUAL`], the gradient;
-/// in double precision, as a solution needs it.
+/// Columns of the information matrix from the diagonal down and behind each, in row [`RESIDUAL`], the
+/// gradient; in double precision, as a solution needs it.
 type Columns = [[f64; WIDTH]; COUNT];
 
 #[derive(Debug, Clone)]
