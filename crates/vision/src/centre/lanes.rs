@@ -11,8 +11,6 @@ use std::ops::{Add, Div, Mul, Sub};
 
 /// Numbers that are kept and worked on together, a multiple of what any vector unit holds.
 pub(super) const GROUP: usize = 8;
-/// Columns that are turned to rows together.
-pub(super) const TURNED: usize = 4;
 
 /// As many numbers as a vector unit holds: 1, 4 or 8.
 #[derive(Clone, Copy)]
@@ -39,22 +37,6 @@ impl<S: Simd> Lanes<S> {
     #[inline(always)]
     pub(super) fn store(self, into: &mut [f32], part: usize) {
         S::as_mut_simd_f32s(into).0[part] = self.values;
-    }
-
-    /// Columns of a group of numbers as that many short rows; only where a vector unit holds a whole group.
-    #[inline(always)]
-    pub(super) fn transposed(simd: S, columns: [Self; TURNED]) -> [[f32; TURNED]; GROUP] {
-        debug_assert_eq!(S::F32_LANES, GROUP);
-        let turned = simd.deinterleave_shfl_f32s(columns.map(|column| column.values));
-        let mut rows = [[0.0; TURNED]; GROUP];
-        // Each half of a unit is turned by itself.
-        for (k, values) in turned.into_iter().enumerate() {
-            let mut both = [0.0; GROUP];
-            Self { simd, values }.store(&mut both, 0);
-            rows[k].copy_from_slice(&both[..TURNED]);
-            rows[k + TURNED].copy_from_slice(&both[TURNED..]);
-        }
-        rows
     }
 
     /// This times a factor and a number more, rounded once.
@@ -121,32 +103,3 @@ operator!(Add, add, add_f32s);
 operator!(Sub, sub, sub_f32s);
 operator!(Mul, mul, mul_f32s);
 operator!(Div, div, div_f32s);
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    struct Transposed<'a>(&'a [[f32; GROUP]; TURNED]);
-
-    impl pulp::WithSimd for Transposed<'_> {
-        type Output = Option<[[f32; TURNED]; GROUP]>;
-
-        #[inline(always)]
-        fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
-            let columns = self.0.each_ref();
-            (S::F32_LANES == GROUP)
-                .then(|| Lanes::transposed(simd, columns.map(|column| Lanes::load(simd, column, 0))))
-        }
-    }
-
-    #[test]
-    fn columns_become_rows() {
-        let columns: [[f32; GROUP]; TURNED] =
-            std::array::from_fn(|j| std::array::from_fn(|i| (10 * i + j) as f32));
-        let want = std::array::from_fn(|i| std::array::from_fn(|j| (10 * i + j) as f32));
-        match pulp::Arch::new().dispatch(Transposed(&columns)) {
-            Some(rows) => assert_eq!(rows, want),
-            None => eprintln!("skipped: no vector unit of {GROUP} numbers here"),
-        }
-    }
-}

@@ -4,7 +4,7 @@ use super::constants::PIXEL_STD_PX;
 use super::curve::encode;
 use super::edge::cover;
 use super::gloss::{GLOSSES, Gloss};
-use super::lanes::{GROUP, Lanes, TURNED};
+use super::lanes::{GROUP, Lanes};
 use super::places::Places;
 use crate::Vector3;
 use crate::outline::Outline;
@@ -195,8 +195,10 @@ impl Model {
         }
         for (channel, columns) in columns.iter().enumerate() {
             values.channels[channel][group.clone()].copy_from_slice(&columns[RESIDUAL]);
-            for (first, columns) in columns.chunks_exact(TURNED).enumerate() {
-                store_rows(simd, columns, shown, (channel, first));
+            for (lane, shown) in shown.iter_mut().enumerate() {
+                for (value, column) in shown[channel].iter_mut().zip(columns) {
+                    *value = column[lane];
+                }
             }
         }
     }
@@ -302,29 +304,6 @@ impl Model {
             (by_gloss * *gloss).store(column, part);
         }
         code.store(&mut columns[RESIDUAL], part);
-    }
-}
-
-/// Stores some columns as a part of each pixel's row of a channel.
-#[inline(always)]
-fn store_rows<S: Simd>(
-    simd: S,
-    columns: &[[f32; GROUP]],
-    shown: &mut [Shown],
-    (channel, first): (usize, usize),
-) {
-    if S::F32_LANES == GROUP {
-        let column = |k: usize| Lanes::load(simd, &columns[k], 0);
-        let rows = Lanes::transposed(simd, [column(0), column(1), column(2), column(3)]);
-        for (shown, row) in shown.iter_mut().zip(rows) {
-            shown[channel][TURNED * first..TURNED * (first + 1)].copy_from_slice(&row);
-        }
-        return;
-    }
-    for (lane, shown) in shown.iter_mut().enumerate() {
-        for (value, column) in shown[channel][TURNED * first..].iter_mut().zip(columns) {
-            *value = column[lane];
-        }
     }
 }
 

@@ -78,7 +78,6 @@ impl Normal {
     #[inline(always)]
     pub(super) fn solve(&self) -> Option<Solved> {
         let mut eliminated = self.0;
-        let mut length = 0.0;
         for k in 0..COUNT {
             let pivot = eliminated[k];
             if pivot[k].is_nan() || pivot[k] <= 0.0 {
@@ -90,39 +89,33 @@ impl Normal {
                     *value -= factor * taken;
                 }
             }
-            length += pivot[RESIDUAL] * pivot[RESIDUAL] / pivot[k];
         }
-        let change = substituted(&eliminated, Parameters::from_fn(|k, _| eliminated[k][RESIDUAL]));
-        Some(Solved { change, length, eliminated })
+        let gradient = Parameters::from_fn(|k, _| self.0[k][RESIDUAL]);
+        let change = solution(&eliminated, gradient);
+        Some(Solved { change, length: gradient.dot(&change), eliminated })
     }
 }
 
-/// Parameters from the right-hand side after elimination.
+/// Solution for a right-hand side, by the information after elimination.
 #[inline(always)]
-fn substituted(eliminated: &Columns, mut p: Parameters) -> Parameters {
-    for (k, column) in eliminated.iter().enumerate().rev() {
-        let others: f64 = (k + 1..COUNT).map(|i| column[i] * p[i]).sum();
-        p[k] = (p[k] - others) / column[k];
+fn solution(eliminated: &Columns, mut side: Parameters) -> Parameters {
+    for (k, column) in eliminated.iter().enumerate() {
+        let part = side[k] / column[k];
+        (k + 1..COUNT).for_each(|i| side[i] -= part * column[i]);
     }
-    p
+    for (k, column) in eliminated.iter().enumerate().rev() {
+        let others: f64 = (k + 1..COUNT).map(|i| column[i] * side[i]).sum();
+        side[k] = (side[k] - others) / column[k];
+    }
+    side
 }
 
 impl Solved {
     /// Covariance of a parameter with each.
     pub(super) fn covariance(&self, of: usize) -> Parameters {
-        let mut side = Parameters::zeros();
-        side[of] = 1.0;
-        for k in of..COUNT {
-            let part = side[k] / self.eliminated[k][k];
-            for i in k + 1..COUNT {
-                side[i] -= part * self.eliminated[k][i];
-            }
-        }
-        substituted(&self.eliminated, side)
-    }
-
-    pub(super) fn variance(&self, of: usize) -> f64 {
-        self.covariance(of)[of]
+        let mut unit = Parameters::zeros();
+        unit[of] = 1.0;
+        solution(&self.eliminated, unit)
     }
 }
 

@@ -91,7 +91,7 @@ impl End<'_> {
         if !covariance_px2.iter().all(|v| v.is_finite()) || !is_in_range || is_uncertain {
             return Err(NoFit::Implausible);
         }
-        let known = |i: usize| Known { mean: p[i], variance: self.solved.variance(i) };
+        let known = |i: usize| Known { mean: p[i], variance: self.solved.covariance(i)[i] };
         Ok(CentreFit {
             pixel: p.xy() + stages.patch.corner(),
             covariance_px2,
