@@ -5,7 +5,7 @@ use super::condense::Linear;
 use super::result::Extent;
 use crate::IdentifyError;
 use crate::inverse::inverse;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 /// Along what errors die away.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -87,12 +87,12 @@ impl Whitener {
 
     /// Filters the given columns of a matrix, one after the other: `take` gets each with its innovation and
     /// one over that's standard deviation.
-    fn run(&self, columns: &[usize], matrix: &DMatrix<f64>, mut take: impl FnMut(usize, &[f64], f64)) {
-        let mut mean = vec![0.0; matrix.nrows()];
+    fn run(&self, columns: &[usize], matrix: &DMatrix<f64>, mut take: impl FnMut(usize, &DVector<f64>, f64)) {
+        let mut mean = DVector::zeros(matrix.nrows());
         let mut innovation = mean.clone();
         for (column, FilterStep { kept, gain, unit }) in columns.iter().zip(&self.steps) {
             let values = matrix.column(*column);
-            for ((value, m), i) in values.iter().zip(&mut mean).zip(&mut innovation) {
+            for ((value, m), i) in values.iter().zip(mean.as_mut_slice()).zip(innovation.as_mut_slice()) {
                 *m *= kept;
                 *i = value - *m;
                 *m += gain * *i;
@@ -105,7 +105,7 @@ impl Whitener {
     fn squares(&self, columns: &[usize], matrix: &DMatrix<f64>) -> f64 {
         let mut sum = 0.0;
         self.run(columns, matrix, |_, innovation, unit| {
-            sum += innovation.iter().map(|i| i * i).sum::<f64>() * unit * unit;
+            sum += innovation.norm_squared() * unit * unit;
         });
         sum
     }

@@ -47,7 +47,7 @@ impl Condensed {
             let block = q.fixed_view::<TANGENT, TANGENT>(0, 0) + information;
             let top = q.rows(0, TANGENT).into_owned();
             let gain = block.cholesky().ok_or(IdentifyError::RankZero)?.solve(&q.fixed_rows::<TANGENT>(0));
-            q -= top.tr_mul(&gain);
+            q -= top.transpose() * &gain;
             // Top rows as W (L + W)⁻¹ L in place of L - L (L + W)⁻¹ L, which cancels where W is small against
             // L.
             let mut top = information * &gain;
@@ -101,7 +101,7 @@ fn fold(q: DMatrix<f64>, next: &DMatrix<f64>) -> DMatrix<f64> {
     let mut rest = q;
     rest.rows_mut(0, TANGENT).fill(0.0);
     rest.columns_mut(0, TANGENT).fill(0.0);
-    let mixed = next.tr_mul(&(top + corner * next * 0.5));
+    let mixed = next.transpose() * (top + corner * next * 0.5);
     rest + &mixed + mixed.transpose()
 }
 
@@ -125,7 +125,7 @@ impl Linear {
             let count = segment.rows.ncols();
             let mut out = rows.columns_mut(first, count);
             out.rows_mut(TANGENT, n - TANGENT).copy_from(&segment.rows.rows(TANGENT, n - TANGENT));
-            out += start.tr_mul(&segment.rows.rows(0, TANGENT));
+            out += start.transpose() * segment.rows.rows(0, TANGENT);
             first += count;
         }
         rows.columns_mut(first, at.prior.ncols()).copy_from(&at.prior);

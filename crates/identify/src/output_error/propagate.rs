@@ -109,9 +109,12 @@ impl Propagator {
                 y_sum[i] += step.h_s * weight * k[i];
                 y_stage[i] = self.y[i] + step.h_s * node * k[i];
             }
-            sum.zip_apply(&rate, |sum, rate| *sum += step.h_s * weight * rate);
-            stage.copy_from(&self.by);
-            stage.zip_apply(&rate, |stage, rate| *stage += step.h_s * node * rate);
+            let stages = stage.as_mut_slice().iter_mut().zip(self.by.as_slice());
+            let sums = sum.as_mut_slice().iter_mut().zip(rate.as_slice());
+            for ((stage, by), (sum, rate)) in stages.zip(sums) {
+                *sum += step.h_s * weight * rate;
+                *stage = by + step.h_s * node * rate;
+            }
         }
         (self.y, self.by) = (y_sum, sum);
         let lag = self.free.iter().position(|p| *p == ModelParameter::InputLag);
@@ -127,6 +130,7 @@ impl Propagator {
     /// rate = A stage + B.
     fn variational(&self, linear: &Linearisation, stage: &DMatrix<f64>, rate: &mut DMatrix<f64>) {
         for (i, mut out) in rate.column_iter_mut().enumerate() {
+            let out = out.as_mut_slice();
             out.fill(0.0);
             for (position, parameter) in self.free.iter().enumerate() {
                 if let ModelParameter::Coefficient(which) = parameter {
@@ -134,7 +138,10 @@ impl Propagator {
                 }
             }
             for &j in Linearisation::COLUMNS[i] {
-                out.axpy(linear.by_state[i][j], &stage.column(j), 1.0);
+                let factor = linear.by_state[i][j];
+                out.iter_mut()
+                    .zip(stage.column(j).as_slice())
+                    .for_each(|(out, stage)| *out += factor * stage);
             }
         }
     }
