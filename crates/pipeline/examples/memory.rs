@@ -2,13 +2,13 @@
 //! mavsight-pipeline --example memory -- 108000`, an hour of two cameras at 30 Hz. Linux alone reports the
 //! peak.
 
-#[path = "../tests/long_flight/mod.rs"]
-mod long_flight;
+#[path = "../tests/carried/mod.rs"]
+mod carried;
 
-use long_flight::{inputs, instants, rig};
+use carried::{LARGE, TWO, inputs, instants, rig_at};
 use mavsight_flight::Vehicle;
 use mavsight_identify::output_error::fitted_stretch_s;
-use mavsight_pipeline::{IdentifyOptions, NoProgress, identify_motion, motion_of, reconstruct};
+use mavsight_pipeline::{IdentifyOptions, NoProgress, body_markers, identify_motion, motion_of, reconstruct};
 use mavsight_pose::MarkerObservation;
 use mavsight_session::{RunResults, make_folder, write_markers_early, write_results};
 
@@ -17,10 +17,10 @@ const HOUR: f64 = 108_000.0;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let count: usize = std::env::args().nth(1).and_then(|n| n.parse().ok()).unwrap_or(9000);
-    let (rig, vehicle) = (rig(), Vehicle::paper());
+    let (rig, vehicle) = (rig_at(&TWO, LARGE, 0.1), Vehicle::paper());
     let flown = inputs(count);
     let before = report("program and inputs", count, 0.0);
-    let tracked = reconstruct(&rig, &vehicle, instants(&rig, count))?;
+    let tracked = reconstruct(&rig, &vehicle, instants(&rig, &body_markers(&vehicle), count))?;
     report("observations and poses", count, before);
     let motion = motion_of(&tracked, &vehicle, &NoProgress)?;
     report("motion", count, before);

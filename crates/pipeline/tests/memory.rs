@@ -1,11 +1,10 @@
 //! What is held of each instant of a flight.
 
-#[allow(dead_code)]
-mod long_flight;
+mod carried;
 
-use long_flight::{inputs, instants, rig};
+use carried::{LARGE, TWO, inputs, instants, rig_at};
 use mavsight_flight::Vehicle;
-use mavsight_pipeline::{IdentifyOptions, NoProgress, identify_motion, motion_of, reconstruct};
+use mavsight_pipeline::{IdentifyOptions, NoProgress, body_markers, identify_motion, motion_of, reconstruct};
 use mavsight_pose::{MotionSample, PoseSample};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use std::alloc::System;
@@ -18,10 +17,11 @@ static COUNTED: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 /// of six outputs 49 MB, which is 450.
 #[test]
 fn an_hour_is_within_its_bound() {
-    let (rig, vehicle) = (rig(), Vehicle::paper());
+    let (rig, vehicle) = (rig_at(&TWO, LARGE, 0.1), Vehicle::paper());
+    let body = body_markers(&vehicle);
     let held = |count: usize| {
         let region = Region::new(COUNTED);
-        let tracked = reconstruct(&rig, &vehicle, instants(&rig, count)).unwrap();
+        let tracked = reconstruct(&rig, &vehicle, instants(&rig, &body, count)).unwrap();
         let motion = motion_of(&tracked, &vehicle, &NoProgress).unwrap();
         let bytes = || {
             let change = region.change();
