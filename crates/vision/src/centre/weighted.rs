@@ -147,7 +147,11 @@ impl Weighted {
         filled.iter_mut().zip(step).for_each(|(out, change)| *out = *change as f32);
         let left = |row: &Row| row[RESIDUAL] - along(simd, row, &filled);
         let Linearized { shown, color_rows, .. } = stages.linearized;
-        let mut out = Left::default();
+        let mut out = Left {
+            bright: Vec::with_capacity(self.variance.len()),
+            colors: Vec::with_capacity(color_rows.len()),
+            rim: Vec::with_capacity(self.rim.len()),
+        };
         for shown in &shown[..self.variance.len()] {
             out.bright.push(left(&shown[0]));
         }
