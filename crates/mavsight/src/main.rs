@@ -10,11 +10,11 @@ use mavsight::lab;
 use mavsight_engine::EngineError;
 use std::process::ExitCode;
 
-/// One heap for all threads. glibc has one for each, and what decoding leaves in them lies idle while later
-/// stages of a long flight take new memory.
+/// Memory that decoding has freed is given back, which glibc does not do, and threads of a live flight do not
+/// wait for one lock.
 #[cfg(target_os = "linux")]
 #[global_allocator]
-static ALLOCATOR: dlmalloc::GlobalDlmalloc = dlmalloc::GlobalDlmalloc;
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 fn main() -> ExitCode {
     match commands::run(&cli::Cli::parse()) {
