@@ -1,0 +1,24 @@
+//! Flight models as files: forces, moments and further states of a rigid body, written as expressions with
+//! units, and the exact derivatives that an estimator needs.
+//!
+//! [`Model::parse`] reads a file (schema 2, `docs/models.md`), [`Model::values`] gives the parameters of one
+//! aircraft, [`Dynamics`] are its equations of motion. Frames and signs are those of CONVENTIONS.md: body x
+//! forward, y right, z down; world z up.
+
+mod document;
+mod dynamics;
+mod fault;
+mod graph;
+mod lower;
+mod model;
+mod program;
+mod read;
+mod rigid_body;
+mod syntax;
+mod unit;
+
+pub use dynamics::{Dynamics, Evaluation, Slope};
+pub use fault::{Fault, ModelError};
+pub use model::{Axis, Body, Derived, Equation, Freedom, FurtherState, Input, Model, Parameter, Sensor};
+pub use rigid_body::{BODY_PARAMETERS, RIGID_STATES};
+pub use unit::Unit;
