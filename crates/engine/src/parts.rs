@@ -1,6 +1,6 @@
 //! Parts of a flight: those that the inputs cover, and those without a gap.
 
-use mavsight_flight::{InputSample, InputSeries};
+use mavsight_flight::InputSeries;
 use mavsight_pose::{Motion, MotionSample};
 use std::ops::Range;
 
@@ -55,13 +55,13 @@ fn span_s(samples: &[MotionSample]) -> (f64, f64) {
 pub(crate) fn held_long(inputs: &InputSeries) -> Option<String> {
     const LONG_S: f64 = 0.2;
     const MANY: f64 = 10.0;
-    let samples = inputs.samples();
-    let step_s = |w: &[InputSample]| w[1].t_s - w[0].t_s;
-    let mut steps_s: Vec<f64> = samples.windows(2).map(step_s).collect();
+    let times_s = inputs.times_s();
+    let step_s = |w: &[f64]| w[1] - w[0];
+    let mut steps_s: Vec<f64> = times_s.windows(2).map(step_s).collect();
     steps_s.sort_by(f64::total_cmp);
     let usual_s = steps_s[steps_s.len() / 2];
-    let longest = samples.windows(2).max_by(|a, b| step_s(a).total_cmp(&step_s(b)))?;
-    let (from, to) = (longest[0].t_s, longest[1].t_s);
+    let longest = times_s.windows(2).max_by(|a, b| step_s(a).total_cmp(&step_s(b)))?;
+    let (from, to) = (longest[0], longest[1]);
     if to - from <= LONG_S.max(MANY * usual_s) {
         return None;
     }
@@ -111,14 +111,7 @@ mod tests {
     #[test]
     fn a_gap_in_an_even_log_is_noted_and_a_log_of_changes_has_none() {
         let inputs = |times_s: &mut dyn Iterator<Item = f64>| {
-            let sample = |t_s| InputSample {
-                t_s,
-                omega_u_rad_s: 200.0,
-                omega_l_rad_s: 200.0,
-                delta_lon_rad: 0.0,
-                delta_lat_rad: 0.0,
-            };
-            InputSeries::new(times_s.map(sample).collect()).expect("inputs")
+            InputSeries::new([], times_s.collect(), Vec::new()).expect("inputs")
         };
         let even = |k: i32| f64::from(k) * 0.01;
         assert_eq!(held_long(&inputs(&mut (0..500).map(even))), None);

@@ -5,7 +5,7 @@ mod linearise;
 
 pub use linearise::Linearisation;
 
-use crate::{FlightError, InputSample, Vehicle, force_per_speed2, hover_rotor_speed_rad_s};
+use crate::{FlightError, HelicopterInput, Vehicle, force_per_speed2, hover_rotor_speed_rad_s};
 use mavsight_geometry::Vector3;
 use nalgebra::Quaternion;
 
@@ -171,7 +171,7 @@ impl Airframe {
     }
 
     /// Accelerations by all forces and moments; the upper disc is K_u times the fly-bar.
-    fn effects(&self, input: &InputSample) -> [Effect; 31] {
+    fn effects(&self, input: &HelicopterInput) -> [Effect; 31] {
         use Coefficient as C;
         let of = |omega_rad_s: f64| self.force_per_speed2 * omega_rad_s * omega_rad_s;
         let (up, lo) = (of(input.omega_u_rad_s), of(input.omega_l_rad_s));
@@ -220,7 +220,7 @@ impl Airframe {
     ///
     /// The quaternion's length is drawn back to one with a time constant of one second, which does not change
     /// the attitude.
-    pub fn derivative(&self, c: &Coefficients, input: &InputSample, y: &StateVector) -> StateVector {
+    pub fn derivative(&self, c: &Coefficients, input: &HelicopterInput, y: &StateVector) -> StateVector {
         let q = Quaternion::new(y[3], y[4], y[5], y[6]);
         let n2 = q.norm_squared();
         let velocity = Vector3::new(y[7], y[8], y[9]);

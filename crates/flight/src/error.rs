@@ -62,24 +62,39 @@ pub enum FlightError {
     /// A colour that is not written as one.
     #[error("unknown colour {0:?}: write it as \"#rrggbb\", for instance \"#db1212\"")]
     UnknownColor(String),
-    /// Inputs need two samples to cover a time.
+    /// Inputs need two rows to cover a time.
     #[error("the inputs have {0} samples, but at least 2 are needed")]
     TooFewInputs(usize),
-    /// A sample that is not a number.
+    /// A value that is not a number.
     #[error("input row {row}: {column} is not a finite number: correct or remove the row")]
     InputNotFinite {
         /// Row, counted from 1 below the header.
         row: usize,
         /// Column.
-        column: &'static str,
+        column: String,
     },
-    /// A channel that does not go with the samples.
-    #[error("input {name}: there must be {samples} finite values, one a row")]
-    BadChannel {
-        /// Its name.
+    /// Two columns of the inputs share a name.
+    #[error("two columns of the inputs are named {0}: give each its own name")]
+    DuplicateInput(String),
+    /// Values that do not fill the rows.
+    #[error(
+        "the inputs have {values} values, but {rows} rows of {columns} columns: there must be one for each"
+    )]
+    InputTable {
+        /// Times.
+        rows: usize,
+        /// Names.
+        columns: usize,
+        /// Values.
+        values: usize,
+    },
+    /// A column that is needed and not there.
+    #[error("the inputs have no column {name}{}", rename(.name, .nearest))]
+    MissingInput {
+        /// The column.
         name: String,
-        /// Samples of the series.
-        samples: usize,
+        /// The columns with the nearest names.
+        nearest: Vec<String>,
     },
     /// Times must increase.
     #[error(
@@ -105,4 +120,11 @@ pub enum FlightError {
         /// Last input.
         end_s: f64,
     },
+}
+
+fn rename(name: &str, nearest: &[String]) -> String {
+    match nearest {
+        [] => "; there are none: add it".to_owned(),
+        some => format!("; the nearest are {}: add it, or rename one to {name}", some.join(", ")),
+    }
 }

@@ -1,6 +1,6 @@
 //! Flapping of the lower rotor and of the fly-bar, longitudinal and lateral.
 
-use crate::{FlightError, InputSeries, Rotor};
+use crate::{FlightError, HelicopterInput, Rotor};
 
 /// Flapping angles of the lower rotor (l) and of the fly-bar (f).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -53,10 +53,10 @@ pub enum Between {
     Hold,
 }
 
-/// The part of the lower rotor's flapping that the swash-plate drives, on the inputs' own times, from rest:
+/// The part of the lower rotor's flapping that the swash-plate drives, on the inputs' own times, which must increase, from rest:
 /// (longitudinal, lateral), rad.
-pub fn lower_from_swashplate(inputs: &InputSeries, rotor: &Rotor) -> (Vec<f64>, Vec<f64>) {
-    let times_s: Vec<f64> = inputs.samples().iter().map(|s| s.t_s).collect();
+pub fn lower_from_swashplate(inputs: &[HelicopterInput], rotor: &Rotor) -> (Vec<f64>, Vec<f64>) {
+    let times_s: Vec<f64> = inputs.iter().map(|s| s.t_s).collect();
     let gain = rotor.swashplate_gain / rotor.flap_time_lower_s;
     let respond = |delta: Vec<f64>| {
         let start = rotor.swashplate_gain * delta.first().copied().unwrap_or(0.0);
@@ -64,8 +64,8 @@ pub fn lower_from_swashplate(inputs: &InputSeries, rotor: &Rotor) -> (Vec<f64>, 
         first_order_response(&times_s, &forcing, Between::Hold, rotor.flap_time_lower_s, start)
     };
     (
-        respond(inputs.samples().iter().map(|s| s.delta_lon_rad).collect()),
-        respond(inputs.samples().iter().map(|s| s.delta_lat_rad).collect()),
+        respond(inputs.iter().map(|s| s.delta_lon_rad).collect()),
+        respond(inputs.iter().map(|s| s.delta_lat_rad).collect()),
     )
 }
 
@@ -160,15 +160,14 @@ mod tests {
     #[test]
     fn lower_rotor_reaches_the_linkage_ratio_of_a_held_swashplate() {
         let rotor = crate::Vehicle::paper().rotor;
-        let samples = (0..200)
-            .map(|k| crate::InputSample {
+        let samples: Vec<HelicopterInput> = (0..200)
+            .map(|k| HelicopterInput {
                 t_s: 0.01 * f64::from(k),
                 delta_lon_rad: if k > 50 { 0.1 } else { 0.0 },
                 ..Default::default()
             })
             .collect();
-        let inputs = InputSeries::new(samples).expect("valid");
-        let (lon, lat) = lower_from_swashplate(&inputs, &rotor);
+        let (lon, lat) = lower_from_swashplate(&samples, &rotor);
         assert_relative_eq!(lon[199], rotor.swashplate_gain * 0.1, epsilon = 1e-9);
         assert!(lat.iter().all(|b| *b == 0.0));
     }

@@ -2,113 +2,131 @@
 
 use crate::FlightError;
 use std::ops::Range;
+use std::sync::Arc;
 
-/// The inputs at one instant.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct InputSample {
-    /// Time.
-    pub t_s: f64,
-    /// Speed of the upper rotor.
-    pub omega_u_rad_s: f64,
-    /// Speed of the lower rotor.
-    pub omega_l_rad_s: f64,
-    /// Longitudinal angle of the swash-plate, positive tips the lower disc back.
-    pub delta_lon_rad: f64,
-    /// Lateral angle, positive tips it right.
-    pub delta_lat_rad: f64,
-}
-
-/// A recorded quantity beside the helicopter's own, such as the speed of one of four rotors.
-#[derive(Debug, Clone, PartialEq)]
-pub struct InputChannel {
-    /// Name, for models.
-    pub name: String,
-    /// One value a sample.
-    pub values: Vec<f64>,
-}
-
-/// Inputs at increasing times; each holds until the next, as a command does.
+/// Inputs at increasing times, a value for each named column; each row holds until the next, as a command
+/// does.
 ///
-/// A quantity that moves smoothly between samples is so taken late by half a sample interval: record at 100
-/// Hz or more.
+/// A quantity that moves smoothly between rows is so taken late by half their interval: record at 100 Hz or
+/// more.
 #[derive(Debug, Clone, PartialEq)]
 pub struct InputSeries {
-    samples: Vec<InputSample>,
-    channels: Vec<InputChannel>,
+    names: Arc<[String]>,
+    times_s: Vec<f64>,
+    /// Row after row.
+    values: Vec<f64>,
 }
 
 /// By how much a time may lie outside the record: what is lost where times are written in microseconds.
 const ROUNDING_S: f64 = 1e-6;
 
+/// How many columns an error offers in place of one that is not there.
+const OFFERED: usize = 3;
+
 impl InputSeries {
-    /// Checks and takes the samples.
+    /// Checks and takes the rows; `values` has them one after the other, each with a value for every name.
     ///
     /// # Errors
-    /// Fewer than two samples, a number that is not finite, a time that does not increase; rows count from 1.
-    pub fn new(samples: Vec<InputSample>) -> Result<Self, FlightError> {
-        if samples.len() < 2 {
-            return Err(FlightError::TooFewInputs(samples.len()));
+    /// Fewer than two rows, a name that is there twice, another number of values, a number that is not
+    /// finite, a time that does not increase; rows count from 1.
+    pub fn new(
+        names: impl Into<Arc<[String]>>,
+        times_s: Vec<f64>,
+        values: Vec<f64>,
+    ) -> Result<Self, FlightError> {
+        let names = names.into();
+        if let Some((_, twice)) = names.iter().enumerate().find(|(k, name)| names[..*k].contains(name)) {
+            return Err(FlightError::DuplicateInput(twice.clone()));
         }
+        let (rows, columns) = (times_s.len(), names.len());
+        if rows < 2 {
+            return Err(FlightError::TooFewInputs(rows));
+        }
+        if values.len() != rows * columns {
+            return Err(FlightError::InputTable { rows, columns, values: values.len() });
+        }
+        let series = Self { names, times_s, values };
         let mut before_s = f64::NEG_INFINITY;
-        for (k, sample) in samples.iter().enumerate() {
-            let columns = [
-                ("t_s", sample.t_s),
-                ("omega_u_rad_s", sample.omega_u_rad_s),
-                ("omega_l_rad_s", sample.omega_l_rad_s),
-                ("delta_lon_rad", sample.delta_lon_rad),
-                ("delta_lat_rad", sample.delta_lat_rad),
-            ];
-            if let Some((column, _)) = columns.into_iter().find(|(_, value)| !value.is_finite()) {
-                return Err(FlightError::InputNotFinite { row: k + 1, column });
+        for (k, &t_s) in series.times_s.iter().enumerate() {
+            let bad = series.row(k).iter().position(|value| !value.is_finite());
+            let column = if t_s.is_finite() { bad.map(|c| series.names[c].as_str()) } else { Some("t_s") };
+            if let Some(column) = column {
+                return Err(FlightError::InputNotFinite { row: k + 1, column: column.to_owned() });
             }
-            if sample.t_s <= before_s {
-                return Err(FlightError::TimeNotIncreasing { row: k + 1, t_s: sample.t_s, before_s });
+            if t_s <= before_s {
+                return Err(FlightError::TimeNotIncreasing { row: k + 1, t_s, before_s });
             }
-            before_s = sample.t_s;
+            before_s = t_s;
         }
-        Ok(Self { samples, channels: Vec::new() })
+        Ok(series)
     }
 
-    /// This series with more quantities.
+    /// Names of the columns.
+    pub fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    /// Times of the rows, at least two.
+    pub fn times_s(&self) -> &[f64] {
+        &self.times_s
+    }
+
+    /// The values of a row, in the order of the names; rows count from 0, as many as there are times.
+    pub fn row(&self, k: usize) -> &[f64] {
+        let columns = self.names.len();
+        &self.values[k * columns..(k + 1) * columns]
+    }
+
+    /// The values of a column, one a row; `None` for a name that there is not.
+    pub fn column(&self, name: &str) -> Option<Vec<f64>> {
+        let place = self.place(name)?;
+        Some((0..self.times_s.len()).map(|k| self.row(k)[place]).collect())
+    }
+
+    /// The series of some columns, in the order asked for.
     ///
     /// # Errors
-    /// [`FlightError::BadChannel`] where one has not a finite value for each sample.
-    pub fn with_channels(self, channels: Vec<InputChannel>) -> Result<Self, FlightError> {
-        let samples = self.samples.len();
-        let sound = |c: &InputChannel| c.values.len() == samples && c.values.iter().all(|v| v.is_finite());
-        match channels.iter().find(|c| !sound(c)) {
-            Some(bad) => Err(FlightError::BadChannel { name: bad.name.clone(), samples }),
-            None => Ok(Self { channels, ..self }),
-        }
+    /// [`FlightError::MissingInput`], [`FlightError::DuplicateInput`].
+    pub fn select(&self, names: &[&str]) -> Result<Self, FlightError> {
+        let place = |name: &&str| self.place(name).ok_or_else(|| self.missing(name));
+        let places = names.iter().map(place).collect::<Result<Vec<usize>, _>>()?;
+        let rows = 0..self.times_s.len();
+        let values = rows.flat_map(|k| places.iter().map(move |place| self.row(k)[*place])).collect();
+        let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
+        Self::new(names, self.times_s.clone(), values)
     }
 
-    /// Quantities beside the helicopter's own.
-    pub fn channels(&self) -> &[InputChannel] {
-        &self.channels
+    fn place(&self, name: &str) -> Option<usize> {
+        self.names.iter().position(|n| n == name)
     }
 
-    /// All samples.
-    pub fn samples(&self) -> &[InputSample] {
-        &self.samples
+    fn missing(&self, name: &str) -> FlightError {
+        let mut near: Vec<&String> = self.names.iter().collect();
+        near.sort_by_cached_key(|known| strsim::osa_distance(known, name));
+        let nearest = near.into_iter().take(OFFERED).cloned().collect();
+        FlightError::MissingInput { name: name.to_owned(), nearest }
     }
 
-    /// Time of the first sample.
+    /// Time of the first row.
     pub fn start_s(&self) -> f64 {
-        self.samples[0].t_s
+        self.times_s[0]
     }
 
-    /// Time of the last sample.
+    /// Time of the last row.
     pub fn end_s(&self) -> f64 {
-        self.samples[self.samples.len() - 1].t_s
+        self.times_s[self.times_s.len() - 1]
     }
 
-    /// The inputs at a time; `None` outside the record by more than a microsecond.
-    pub fn at(&self, t_s: f64) -> Option<InputSample> {
-        if !(t_s >= self.start_s() - ROUNDING_S && t_s <= self.end_s() + ROUNDING_S) {
-            return None;
-        }
-        let after = self.samples.partition_point(|s| s.t_s <= t_s + ROUNDING_S).max(1);
-        Some(InputSample { t_s, ..self.samples[after - 1] })
+    /// The row that holds at a time; `None` outside the record by more than a microsecond.
+    pub fn index_at(&self, t_s: f64) -> Option<usize> {
+        let covered = t_s >= self.start_s() - ROUNDING_S && t_s <= self.end_s() + ROUNDING_S;
+        let after = || self.times_s.partition_point(|row_s| *row_s <= t_s + ROUNDING_S).max(1);
+        covered.then(|| after() - 1)
+    }
+
+    /// The values that hold at a time; `None` as of [`InputSeries::index_at`].
+    pub fn at(&self, t_s: f64) -> Option<&[f64]> {
+        self.index_at(t_s).map(|k| self.row(k))
     }
 
     /// Which of some items in the order of their times, nanoseconds, the record covers.
@@ -128,7 +146,7 @@ impl InputSeries {
     ///
     /// # Errors
     /// [`FlightError::InputsDoNotCover`].
-    pub fn require(&self, t_s: f64) -> Result<InputSample, FlightError> {
+    pub fn require(&self, t_s: f64) -> Result<&[f64], FlightError> {
         self.at(t_s).ok_or(FlightError::InputsDoNotCover {
             t_s,
             start_s: self.start_s(),
@@ -141,19 +159,22 @@ impl InputSeries {
 mod tests {
     use super::*;
 
-    fn sample(t_s: f64, delta_lon_rad: f64) -> InputSample {
-        InputSample { t_s, delta_lon_rad, ..Default::default() }
+    fn names(all: &[&str]) -> Vec<String> {
+        all.iter().map(|name| (*name).to_owned()).collect()
+    }
+
+    fn series(all: &[&str], times_s: &[f64], values: &[f64]) -> Result<InputSeries, FlightError> {
+        InputSeries::new(names(all), times_s.to_vec(), values.to_vec())
     }
 
     #[test]
-    fn a_sample_holds_until_the_next() {
-        let series =
-            InputSeries::new(vec![sample(0.0, 0.0), sample(1.0, 2.0), sample(3.0, 0.0)]).expect("valid");
-        assert_eq!(series.at(0.25).map(|s| s.delta_lon_rad), Some(0.0));
-        assert_eq!(series.at(1.0).map(|s| s.delta_lon_rad), Some(2.0));
-        assert_eq!(series.at(2.9).map(|s| s.delta_lon_rad), Some(2.0));
-        assert_eq!(series.at(3.0).map(|s| s.delta_lon_rad), Some(0.0));
-        assert_eq!(series.at(3.1), None);
+    fn a_row_holds_until_the_next() {
+        let series = series(&["flap"], &[0.0, 1.0, 3.0], &[0.0, 2.0, 4.0]).expect("valid");
+        for (t_s, held) in [(0.25, 0.0), (1.0, 2.0), (1.0 - 0.5e-6, 2.0), (2.9, 2.0), (3.0, 4.0)] {
+            assert_eq!(series.at(t_s), Some(&[held][..]), "{t_s}");
+            assert_eq!(series.index_at(t_s), Some((held / 2.0) as usize), "{t_s}");
+        }
+        assert_eq!((series.at(3.1), series.index_at(-0.1), series.at(f64::NAN)), (None, None, None));
         let times_ns: Vec<i64> = (-2..10).map(|k| k * 500_000_000).collect();
         assert_eq!(series.covered(&times_ns, |t| *t), &times_ns[2..9]);
         assert!(
@@ -164,23 +185,42 @@ mod tests {
     }
 
     #[test]
-    fn channels_have_a_value_a_sample() {
-        let series = InputSeries::new(vec![sample(0.0, 0.0), sample(1.0, 2.0)]).expect("valid");
-        let channel = |values: &[f64]| vec![InputChannel { name: "omega_3".into(), values: values.to_vec() }];
-        let with = series.clone().with_channels(channel(&[1.0, 2.0])).expect("valid");
-        assert_eq!(with.channels(), channel(&[1.0, 2.0]));
-        for bad in [&[1.0][..], &[1.0, f64::NAN]] {
-            let refused = series.clone().with_channels(channel(bad));
-            assert_eq!(refused, Err(FlightError::BadChannel { name: "omega_3".into(), samples: 2 }));
-        }
+    fn columns_are_had_by_name_in_any_order() {
+        let all = ["omega_1_rad_s", "omega_2_rad_s", "aileron_rad"];
+        let series = series(&all, &[0.0, 1.0], &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0]).expect("valid");
+        assert_eq!((series.names(), series.row(1)), (&names(&all)[..], &[4.0, 5.0, 6.0][..]));
+        assert_eq!(series.column("omega_2_rad_s"), Some(vec![2.0, 5.0]));
+        assert_eq!(series.column("omega_2"), None);
+        let two = series.select(&["aileron_rad", "omega_1_rad_s"]).expect("both are there");
+        assert_eq!((two.row(0), two.row(1)), (&[3.0, 1.0][..], &[6.0, 4.0][..]));
+        assert_eq!((two.times_s(), two.end_s()), (series.times_s(), 1.0));
+        let none = series.select(&[]).expect("no column is a series too");
+        assert_eq!((none.row(1), none.at(0.5)), (&[][..], Some(&[][..])));
+        let missing = series.select(&["omega_3_rad_s", "aileron_rad"]).expect_err("an error");
+        let nearest = names(&all);
+        assert_eq!(missing, FlightError::MissingInput { name: "omega_3_rad_s".into(), nearest });
+        let refused = series.select(&["ailerom_rad"]).expect_err("an error").to_string();
+        assert!(refused.contains("no column ailerom_rad; the nearest are aileron_rad, "), "{refused}");
+        let refused = none.select(&["aileron_rad"]).expect_err("an error").to_string();
+        assert!(refused.ends_with("no column aileron_rad; there are none: add it"));
     }
 
     #[test]
-    fn bad_rows_are_named() {
-        let nan = InputSeries::new(vec![sample(0.0, 0.0), sample(1.0, f64::NAN)]);
-        assert_eq!(nan, Err(FlightError::InputNotFinite { row: 2, column: "delta_lon_rad" }));
-        let back = InputSeries::new(vec![sample(0.0, 0.0), sample(0.0, 0.0)]);
+    fn bad_rows_and_columns_are_named() {
+        let two = ["throttle", "rudder"];
+        let not_finite = |row, column: &str| Err(FlightError::InputNotFinite { row, column: column.into() });
+        let nan = series(&two, &[0.0, 1.0], &[0.0, 0.0, 0.0, f64::NAN]);
+        assert_eq!(nan, not_finite(2, "rudder"));
+        let nan = series(&two, &[f64::INFINITY, 1.0], &[f64::NAN, 0.0, 0.0, 0.0]);
+        assert_eq!(nan, not_finite(1, "t_s"));
+        let back = series(&two, &[0.0, 0.0], &[0.0; 4]);
         assert_eq!(back, Err(FlightError::TimeNotIncreasing { row: 2, t_s: 0.0, before_s: 0.0 }));
-        assert_eq!(InputSeries::new(vec![]), Err(FlightError::TooFewInputs(0)));
+        assert_eq!(series(&two, &[], &[]), Err(FlightError::TooFewInputs(0)));
+        assert_eq!(
+            series(&two, &[0.0, 1.0], &[0.0; 3]),
+            Err(FlightError::InputTable { rows: 2, columns: 2, values: 3 })
+        );
+        let twice = series(&["throttle", "throttle"], &[0.0, 1.0], &[0.0; 4]);
+        assert_eq!(twice, Err(FlightError::DuplicateInput("throttle".into())));
     }
 }

@@ -7,6 +7,7 @@
 mod coefficient_model;
 mod error;
 pub mod flapping;
+mod helicopter_input;
 mod inputs;
 mod thrust;
 mod vehicle;
@@ -16,6 +17,7 @@ pub use coefficient_model::{
 };
 pub use error::FlightError;
 pub use flapping::FlapState;
-pub use inputs::{InputChannel, InputSample, InputSeries};
+pub use helicopter_input::HelicopterInput;
+pub use inputs::InputSeries;
 pub use thrust::{Thrust, force_per_speed2, hover_rotor_speed_rad_s, thrust_n};
 pub use vehicle::{Assumption, Color, Environment, Marker, Rotor, Vehicle};

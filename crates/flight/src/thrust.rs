@@ -1,6 +1,6 @@
 //! Thrust of the rotors.
 
-use crate::{InputSample, Vehicle};
+use crate::{HelicopterInput, Vehicle};
 use std::f64::consts::PI;
 
 /// Thrust of both rotors.
@@ -19,7 +19,7 @@ pub fn force_per_speed2(vehicle: &Vehicle) -> f64 {
 }
 
 /// T = C_T ρ π R⁴ ω² of each rotor (equation 5).
-pub fn thrust_n(vehicle: &Vehicle, input: &InputSample) -> Thrust {
+pub fn thrust_n(vehicle: &Vehicle, input: &HelicopterInput) -> Thrust {
     let rotor = &vehicle.rotor;
     let of = |coefficient: f64, omega_rad_s: f64| {
         2.0 * coefficient * force_per_speed2(vehicle) * omega_rad_s.powi(2)

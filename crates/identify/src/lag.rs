@@ -7,7 +7,7 @@ use crate::{
     Bandwidth, CoefficientTable, Correlation, IdentifyError, Options, OutputModel, When, coefficients,
     least_squares,
 };
-use mavsight_flight::{InputChannel, InputSample, InputSeries, Vehicle};
+use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_pose::Motion;
 use nalgebra::{DMatrix, DVector};
 
@@ -87,25 +87,18 @@ pub fn delayed(inputs: &InputSeries, lag_s: f64) -> Result<InputSeries, Identify
     if !lag_s.is_finite() {
         return Err(IdentifyError::BadSetting { what: "the lag", value: lag_s, must: "be a number" });
     }
-    let given = inputs.samples();
-    let interval_s = (inputs.end_s() - inputs.start_s()) / (given.len() - 1) as f64;
+    let given_s = inputs.times_s();
+    let interval_s = (inputs.end_s() - inputs.start_s()) / (given_s.len() - 1) as f64;
     let uncovered = (lag_s.abs() / interval_s).ceil() as usize;
     let before = if lag_s > 0.0 { uncovered } else { 0 };
-    // The place of each sample from the first that was given, and of the given one whose values it has.
+    // The place of each row from the first that was given, and of the given one whose values it has.
     let places = || {
-        let all = (0..given.len() + uncovered).map(move |k| k as f64 - before as f64);
-        all.map(|k| (k, (k.max(0.0) as usize).min(given.len() - 1)))
+        let all = (0..given_s.len() + uncovered).map(move |k| k as f64 - before as f64);
+        all.map(|k| (k, (k.max(0.0) as usize).min(given_s.len() - 1)))
     };
-    let sample = |(k, of): (f64, usize)| InputSample {
-        t_s: given[of].t_s + lag_s + (k - of as f64) * interval_s,
-        ..given[of]
-    };
-    let channel = |c: &InputChannel| InputChannel {
-        name: c.name.clone(),
-        values: places().map(|(_, of)| c.values[of]).collect(),
-    };
-    let channels = inputs.channels().iter().map(channel).collect();
-    Ok(InputSeries::new(places().map(sample).collect())?.with_channels(channels)?)
+    let t_s = |(k, of): (f64, usize)| given_s[of] + lag_s + (k - of as f64) * interval_s;
+    let values = places().flat_map(|(_, of)| inputs.row(of)).copied().collect();
+    Ok(InputSeries::new(inputs.names(), places().map(t_s).collect(), values)?)
 }
 
 /// Estimates the lag between the inputs' clock and the motion's, up to `reach_s` either way, from what the

@@ -1,7 +1,7 @@
 //! Output equations as data: the content of a model file.
 
 use crate::IdentifyError;
-use mavsight_flight::InputSeries;
+use mavsight_flight::{HelicopterInput, InputSeries};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
@@ -88,7 +88,7 @@ pub struct OutputModel {
     pub measured: Measured,
     /// Unit of the signal.
     pub scale: Scale,
-    /// Names of [`SIGNALS`] or of channels of the inputs, or products of them such as `kappa_u*alpha_u`.
+    /// Names of [`SIGNALS`] or of other columns of the inputs, or products of them such as `kappa_u*alpha_u`.
     pub regressors: Vec<String>,
     /// Regressors whose coefficients are known, and their values: their part is taken off the output.
     #[serde(default)]
@@ -134,13 +134,15 @@ impl Model {
         Self::parse(EQUATION_3)
     }
 
-    /// Checks that every signal is one of [`SIGNALS`] or a channel of the inputs.
+    /// Checks that every signal is one of [`SIGNALS`] or a column of the inputs.
     ///
     /// # Errors
     /// [`IdentifyError::UnknownSignal`], with those that there are.
     pub fn check_signals(&self, inputs: &InputSeries) -> Result<(), IdentifyError> {
         let own = SIGNALS.iter().map(|(name, _)| *name);
-        let known: Vec<&str> = own.chain(inputs.channels().iter().map(|c| c.name.as_str())).collect();
+        let columns = inputs.names().iter().map(String::as_str);
+        let others = columns.filter(|name| !HelicopterInput::COLUMNS.contains(name));
+        let known: Vec<&str> = own.chain(others).collect();
         for output in &self.output {
             let mut signals = output.regressors.iter().flat_map(|r| factors(r));
             if let Some(signal) = signals.find(|signal| !known.contains(signal)) {
@@ -206,7 +208,6 @@ pub(crate) fn factors(regressor: &str) -> impl Iterator<Item = &str> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mavsight_flight::{InputChannel, InputSample};
 
     #[test]
     fn equation_3_is_read() {
@@ -234,16 +235,18 @@ mod tests {
 
     #[test]
     fn an_unknown_signal_is_named_with_those_that_there_are() {
-        let samples = [0.0, 1.0].map(|t_s| InputSample { t_s, ..Default::default() });
-        let inputs = InputSeries::new(samples.to_vec()).expect("inputs");
+        let inputs = |names: &[&str]| {
+            let all: Vec<String> =
+                HelicopterInput::COLUMNS.iter().chain(names).map(|n| (*n).into()).collect();
+            let values = vec![0.0; 2 * all.len()];
+            InputSeries::new(all, vec![0.0, 1.0], values).expect("inputs")
+        };
         let model = with_output("regressors = [\"1\", \"alpha_u*gamma\"]").expect("a model");
-        let refused = model.check_signals(&inputs).expect_err("an error");
+        let refused = model.check_signals(&inputs(&[])).expect_err("an error");
         assert!(matches!(&refused, IdentifyError::UnknownSignal { signal, .. } if signal == "gamma"));
         let text = refused.to_string();
         assert!(text.contains("gamma") && SIGNALS.iter().all(|(name, _)| text.contains(name)), "{text}");
-        let channel = InputChannel { name: "gamma".into(), values: vec![0.0, 1.0] };
-        let inputs = inputs.with_channels(vec![channel]).expect("inputs");
-        assert_eq!(model.check_signals(&inputs), Ok(()));
+        assert_eq!(model.check_signals(&inputs(&["gamma"])), Ok(()));
     }
 
     #[test]

@@ -5,7 +5,7 @@ use crate::lowpass::{lowpass_at, means_of_held, median, read};
 use crate::model::{Measured, SIGNALS, factors};
 use crate::noise::{Source, Term, Transfer};
 use mavsight_flight::flapping::{self, Between};
-use mavsight_flight::{InputSample, InputSeries, Vehicle, force_per_speed2, thrust_n};
+use mavsight_flight::{HelicopterInput, InputSeries, Vehicle, force_per_speed2, thrust_n};
 use mavsight_geometry::Vector3;
 use mavsight_pose::{Motion, MotionSample, lowpass_like};
 
@@ -91,12 +91,12 @@ pub(crate) struct Flight<'a> {
     pub(crate) motion: &'a Motion,
     inputs: &'a InputSeries,
     vehicle: &'a Vehicle,
-    input_times_s: Vec<f64>,
+    helicopter: Vec<HelicopterInput>,
 }
 
 impl<'a> Flight<'a> {
     /// # Errors
-    /// Inputs that do not cover the motion.
+    /// Inputs that do not cover the motion, or that have some columns of the helicopter and not all.
     pub(crate) fn new(
         motion: &'a Motion,
         inputs: &'a InputSeries,
@@ -106,16 +106,15 @@ impl<'a> Flight<'a> {
         for t_s in t_s.first().into_iter().chain(t_s.last()) {
             inputs.require(*t_s)?;
         }
-        let input_times_s = inputs.samples().iter().map(|s| s.t_s).collect();
-        Ok(Self { t_s, motion, inputs, vehicle, input_times_s })
+        Ok(Self { t_s, motion, inputs, vehicle, helicopter: HelicopterInput::series(inputs)? })
     }
 
     fn of(&self, value: impl Fn(&MotionSample) -> f64) -> Vec<f64> {
         self.motion.samples.iter().map(value).collect()
     }
 
-    fn of_inputs(&self, value: impl Fn(&InputSample) -> f64) -> Vec<f64> {
-        self.inputs.samples().iter().map(value).collect()
+    fn of_inputs(&self, value: impl Fn(&HelicopterInput) -> f64) -> Vec<f64> {
+        self.helicopter.iter().map(value).collect()
     }
 
     /// The variance at each row of a source's errors that change: by the smoother's variance of its rate, of
@@ -203,7 +202,7 @@ impl<'a> Flight<'a> {
     /// Inputs are multiplied before they pass. Other factors of a product pass by themselves: exact where one
     /// of them hardly moves.
     pub(crate) fn regressor(&self, regressor: &str, passed: Passed) -> Result<Signal, IdentifyError> {
-        let mut series = vec![1.0; self.input_times_s.len()];
+        let mut series = vec![1.0; self.helicopter.len()];
         let mut product = Signal { values: vec![1.0; self.t_s.len()], terms: Vec::new() };
         for name in factors(regressor) {
             if let Some(factor) = self.signal(Factor::of(name), passed)? {
@@ -243,7 +242,7 @@ impl<'a> Flight<'a> {
             // What the swash-plate drives, and what the rate drives.
             Factor::Lower(axis) => {
                 let time_s = rotor.flap_time_lower_s;
-                let (longitudinal, lateral) = flapping::lower_from_swashplate(self.inputs, rotor);
+                let (longitudinal, lateral) = flapping::lower_from_swashplate(&self.helicopter, rotor);
                 let driven = if axis == 1 { longitudinal } else { lateral };
                 let driven = self.onto_frames(&driven, Between::Line, passed)?;
                 let rate = self.flapping_from_rate(axis, time_s)?;
@@ -257,12 +256,12 @@ impl<'a> Flight<'a> {
 
     /// A signal of the inputs alone, at their times.
     fn input(&self, name: &str) -> Option<Vec<f64>> {
-        let ratio = |omega_rad_s: f64, s: &InputSample| {
+        let ratio = |omega_rad_s: f64, s: &HelicopterInput| {
             let mean_rad_s = 0.5 * (s.omega_u_rad_s + s.omega_l_rad_s);
             if mean_rad_s == 0.0 { 0.0 } else { (omega_rad_s / mean_rad_s).powi(2) }
         };
         Some(match name {
-            "1" => vec![1.0; self.input_times_s.len()],
+            "1" => vec![1.0; self.helicopter.len()],
             "delta_lon" => self.of_inputs(|s| s.delta_lon_rad),
             "delta_lat" => self.of_inputs(|s| s.delta_lat_rad),
             "T_u" => self.of_inputs(|s| thrust_n(self.vehicle, s).upper_n),
@@ -272,7 +271,7 @@ impl<'a> Flight<'a> {
             "kappa_u" => self.of_inputs(|s| ratio(s.omega_u_rad_s, s)),
             "kappa_l" => self.of_inputs(|s| ratio(s.omega_l_rad_s, s)),
             "kappa_d" => self.of_inputs(|s| ratio(s.omega_l_rad_s, s) - ratio(s.omega_u_rad_s, s)),
-            _ => self.inputs.channels().iter().find(|c| c.name == name)?.values.clone(),
+            _ => self.inputs.column(name)?,
         })
     }
 
@@ -324,7 +323,7 @@ impl<'a> Flight<'a> {
         if series.iter().all(|v| *v == first) {
             return Ok(vec![first; self.t_s.len()]);
         }
-        let times_s = &self.input_times_s;
+        let times_s = self.inputs.times_s();
         let (start_s, end_s) = (self.inputs.start_s(), self.inputs.end_s());
         let step_s = (end_s - start_s) / (times_s.len() - 1) as f64;
         let grid_s: Vec<f64> = (0..times_s.len()).map(|k| start_s + step_s * k as f64).collect();

@@ -4,7 +4,6 @@ use crate::LiveError;
 use crate::queue::{Queue, locked};
 use crate::setup::Tap;
 use crate::worker::Worker;
-use mavsight_flight::InputSample;
 use mavsight_link::Event;
 use mavsight_pose::TrackedDetection;
 use mavsight_session::{SessionFile, Y4mWriter, make_folder, write_toml};
@@ -27,8 +26,8 @@ pub struct RecordedSession {
     pub base: PathBuf,
     /// Frames a second, for programs that do not read time stamps.
     pub rate_hz: f64,
-    /// Whether inputs arrive during the flight ([`Recorder::input`]).
-    pub with_inputs: bool,
+    /// Names of the inputs that arrive during the flight ([`Recorder::input`]), if any do.
+    pub inputs: Option<Vec<String>>,
     /// Whether the flight waits for the disk instead of losing frames: for runs that are not in real time.
     pub waits: bool,
 }
@@ -136,7 +135,7 @@ impl Recorder {
     /// # Errors
     /// A folder that holds a session already or cannot be written, files that cannot be copied.
     pub fn begin(folder: &Path, of: RecordedSession) -> Result<Self, LiveError> {
-        let RecordedSession { mut session, base, rate_hz, with_inputs, waits } = of;
+        let RecordedSession { mut session, base, rate_hz, inputs, waits } = of;
         let refuse = |detail: String| LiveError::Record { folder: folder.to_owned(), detail };
         if folder.join("session.toml").exists() {
             return Err(refuse("it holds a session already: name another folder".into()));
@@ -153,7 +152,7 @@ impl Recorder {
         }
         (session.truth, session.live) = (None, None);
         let names = session.camera.iter().map(|c| c.name.clone()).collect();
-        let logs = &LOGS[..if with_inputs { 3 } else { 2 }];
+        let logs = &LOGS[..if inputs.is_some() { 3 } else { 2 }];
         let logs = logs.iter().map(|name| File::create(folder.join(name))).collect::<Result<_, _>>();
         let mut writer = Writer {
             videos,
@@ -162,10 +161,9 @@ impl Recorder {
             lines: 0,
             status: Arc::default(),
         };
-        if with_inputs {
+        if let Some(names) = inputs {
             session.inputs = LOGS[INPUTS].into();
-            let header = "t_s,omega_u_rad_s,omega_l_rad_s,delta_lon_rad,delta_lat_rad";
-            writer.append(INPUTS, header).map_err(refuse)?;
+            writer.append(INPUTS, &format!("t_s,{}", names.join(","))).map_err(refuse)?;
         }
         write_toml(&folder.join("session.toml"), &session)?;
         let status = Arc::clone(&writer.status);
@@ -203,10 +201,10 @@ impl Recorder {
         }
     }
 
-    /// Records an input.
-    pub fn input(&self, s: InputSample) {
-        let values = [s.t_s, s.omega_u_rad_s, s.omega_l_rad_s, s.delta_lon_rad, s.delta_lat_rad];
-        let line = values.map(|v| v.to_string()).join(",");
+    /// Records the inputs from a time on, in the order of their names ([`RecordedSession::inputs`]).
+    pub fn input(&self, t_s: f64, values: &[f64]) {
+        let cells = std::iter::once(&t_s).chain(values).map(f64::to_string);
+        let line = cells.collect::<Vec<_>>().join(",");
         self.put(Item::Line { log: INPUTS, line });
     }
 

@@ -1,13 +1,15 @@
 //! Prediction of the parameters' accuracy from a manoeuvre: cameras, poses, output error.
 
 use crate::{Placed, PlanError, Planner, Solid};
-use mavsight_flight::{Coefficient, InputSeries, StateVector, Vehicle, hover_rotor_speed_rad_s};
+use mavsight_flight::{
+    Coefficient, HelicopterInput, InputSeries, StateVector, Vehicle, hover_rotor_speed_rad_s,
+};
 use mavsight_geometry::{Camera, Matrix6, Vector3};
 use mavsight_identify::output_error::{
     ExpectedFit, FlightModel, OutputErrorOptions, StateMeasurement, expected_fit,
 };
 use mavsight_pose::PoseEstimator;
-use mavsight_simulator::{FlightState, Scenario, simulate, true_coefficients};
+use mavsight_simulator::{FlightState, Scenario, SimulatorError, simulate, true_coefficients};
 
 /// Limits of a flight.
 #[derive(Debug, Clone, PartialEq)]
@@ -172,10 +174,10 @@ impl<'a> FlightPlanner<'a> {
         let (low, high) = places().fold((first, first), |(low, high), p| (low.inf(&p), high.sup(&p)));
         let most = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0_f64, |most, v| most.max(v.abs()));
         let tilt_rad = most(&mut states.iter().flat_map(|s| [s.attitude.phi_rad, s.attitude.theta_rad]));
-        let samples = || inputs.samples().iter();
-        let deflection_rad = most(&mut samples().flat_map(|s| [s.delta_lon_rad, s.delta_lat_rad]));
+        let samples = HelicopterInput::series(&inputs).map_err(SimulatorError::from)?;
+        let deflection_rad = most(&mut samples.iter().flat_map(|s| [s.delta_lon_rad, s.delta_lat_rad]));
         let hover = hover_rotor_speed_rad_s(&self.vehicle);
-        let speeds = samples().flat_map(|s| [s.omega_u_rad_s, s.omega_l_rad_s]);
+        let speeds = samples.iter().flat_map(|s| [s.omega_u_rad_s, s.omega_l_rad_s]);
         let rotor = most(&mut speeds.map(|omega| omega / hover - 1.0));
         let l = &self.limits;
         let side = Vector3::from(l.volume.high_m) - Vector3::from(l.volume.low_m);

@@ -4,7 +4,7 @@ use crate::chart::{Chart, Curve, Panel, Role, draw};
 use crate::heatmap::{HeatMap, draw_heat_maps};
 use crate::html::{data_address, image};
 use crate::{Figure, ReportError};
-use mavsight_flight::{InputSample, InputSeries};
+use mavsight_flight::{HelicopterInput, InputSeries};
 use mavsight_geometry::{EulerAngles, ImageSize, Isometry3, Vector2, Vector3};
 use mavsight_pose::{
     MapPlane, MotionSample, PoseEstimate, PoseSample, Rig, control_volume, euler_std, precision_map,
@@ -127,11 +127,12 @@ fn png(rgb: Vec<u8>, width: u32, height: u32) -> Result<Vec<u8>, ReportError> {
 }
 
 pub(crate) fn inputs(recorded: &InputSeries) -> Result<Figure, ReportError> {
+    let samples = HelicopterInput::series(recorded)?;
     // Thinned one by one: an hour's inputs are many.
-    let series = |label: &str, role: Role, f: Of<'_, InputSample>| {
-        curve(label, role, recorded.samples().iter().map(|s| (s.t_s, f(s))))
+    let series = |label: &str, role: Role, f: Of<'_, HelicopterInput>| {
+        curve(label, role, samples.iter().map(|s| (s.t_s, f(s))))
     };
-    let panel = |axis: &str, upper: Of<'_, InputSample>, lower: Of<'_, _>| Panel {
+    let panel = |axis: &str, upper: Of<'_, HelicopterInput>, lower: Of<'_, _>| Panel {
         axis: axis.to_owned(),
         curves: vec![
             series("upper rotor, longitudinal", Role::Estimate, upper),

@@ -2,57 +2,74 @@
 
 use crate::SessionError;
 use crate::table::{Table, write_csv};
-use mavsight_flight::{Color, InputChannel, InputSample, InputSeries};
+use mavsight_flight::{Color, HelicopterInput, InputSeries};
 use mavsight_pipeline::{ControlPixel, ControlPointRow};
 use std::path::Path;
 
-const INPUT_COLUMNS: [&str; 5] = ["t_s", "omega_u_rad_s", "omega_l_rad_s", "delta_lon_rad", "delta_lat_rad"];
+/// Column of the times.
+const TIME_COLUMN: &str = "t_s";
 
 const CONTROL_COLUMNS: [&str; 6] = ["name", "x_m", "y_m", "z_m", "diameter_m", "color"];
 
 /// Column of the control points that may be left out.
 const SURVEY_COLUMN: &str = "std_m";
 
-/// Reads `t_s,omega_u_rad_s,omega_l_rad_s,delta_lon_rad,delta_lat_rad`; a table of another aircraft may have
-/// none of the last four, which are then zero. Every other column that holds numbers alone is a channel that
-/// models may name.
+/// Reads `t_s` and every other column that holds numbers alone. A table with any of the helicopter's columns
+/// ([`HelicopterInput::COLUMNS`]), or with no other column, must have them all.
 ///
 /// # Errors
-/// Names the file, row and column; times must increase.
+/// Those of [`read_inputs_with`].
 pub fn read_inputs(path: &Path) -> Result<InputSeries, SessionError> {
     let table = Table::read(path, "inputs")?;
-    let others: Vec<&str> = table.names().filter(|n| !n.is_empty() && !INPUT_COLUMNS.contains(n)).collect();
-    let has_own = INPUT_COLUMNS[1..].iter().any(|name| table.column(name).is_ok());
-    let t = table.column(INPUT_COLUMNS[0])?;
-    let columns = if has_own || others.is_empty() { Some(table.columns(INPUT_COLUMNS)?) } else { None };
-    let mut samples = Vec::new();
-    for row in table.rows()? {
-        let [t_s, omega_u_rad_s, omega_l_rad_s, delta_lon_rad, delta_lat_rad] = match columns {
-            Some(columns) => row.numbers(columns)?,
-            None => [row.number(t)?, 0.0, 0.0, 0.0, 0.0],
-        };
-        samples.push(InputSample { t_s, omega_u_rad_s, omega_l_rad_s, delta_lon_rad, delta_lat_rad });
-    }
-    let channel = |name: &&str| {
-        let column = table.column(name).ok()?;
-        let values: Result<Vec<f64>, _> = table.rows_if_any().map(|row| row.number(column)).collect();
-        Some(InputChannel { name: (*name).to_owned(), values: values.ok()? })
-    };
-    let channels = others.iter().filter_map(channel).collect();
-    InputSeries::new(samples)
-        .and_then(|series| series.with_channels(channels))
-        .map_err(|source| SessionError::content(path, source))
+    let own = HelicopterInput::COLUMNS;
+    let is_other = |name: &str| !name.is_empty() && name != TIME_COLUMN;
+    let other_alone = table.names().any(is_other) && !table.names().any(|name| own.contains(&name));
+    inputs_of(&table, if other_alone { &[] } else { &own }, path)
 }
 
-/// Writes recorded inputs.
+/// Reads `t_s`, the columns that are needed, and every other column that holds numbers alone, in the order of
+/// the table.
+///
+/// # Errors
+/// Names the file, row and column; a needed column that is not there, with those that are; times must
+/// increase.
+pub fn read_inputs_with(path: &Path, needed: &[&str]) -> Result<InputSeries, SessionError> {
+    inputs_of(&Table::read(path, "inputs")?, needed, path)
+}
+
+fn inputs_of(table: &Table, needed: &[&str], path: &Path) -> Result<InputSeries, SessionError> {
+    let column = |place: usize| table.rows().and_then(|rows| rows.map(|row| row.number(place)).collect());
+    let times_s: Vec<f64> = column(table.column(TIME_COLUMN)?)?;
+    for name in needed {
+        table.column(name)?;
+    }
+    let (mut names, mut columns) = (Vec::new(), Vec::<Vec<f64>>::new());
+    for (place, name) in table.names().enumerate().filter(|(_, n)| !n.is_empty() && *n != TIME_COLUMN) {
+        match column(place) {
+            Ok(values) => {
+                names.push(name.to_owned());
+                columns.push(values);
+            }
+            Err(broken) if needed.contains(&name) => return Err(broken),
+            // Words, or a log with empty cells.
+            Err(_) => {}
+        }
+    }
+    let row = |k: usize| columns.iter().map(move |values| values[k]);
+    let values = (0..times_s.len()).flat_map(row).collect();
+    InputSeries::new(names, times_s, values).map_err(|source| SessionError::content(path, source))
+}
+
+/// Writes recorded inputs: their times, and every column under its name.
 ///
 /// # Errors
 /// What the file system refuses.
 pub fn write_inputs(path: &Path, inputs: &InputSeries) -> Result<(), SessionError> {
-    let samples = inputs.samples().iter();
-    let rows =
-        samples.map(|s| vec![s.t_s, s.omega_u_rad_s, s.omega_l_rad_s, s.delta_lon_rad, s.delta_lat_rad]);
-    write_numbers(path, &INPUT_COLUMNS, rows)
+    let header: Vec<&str> =
+        std::iter::once(TIME_COLUMN).chain(inputs.names().iter().map(String::as_str)).collect();
+    let rows = inputs.times_s().iter().enumerate();
+    let rows = rows.map(|(k, t_s)| std::iter::once(*t_s).chain(inputs.row(k).iter().copied()).collect());
+    write_numbers(path, &header, rows)
 }
 
 /// Writes a table of numbers with twelve decimals: a picometre, and beyond what any reader of these tables

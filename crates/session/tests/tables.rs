@@ -5,9 +5,9 @@
 mod common;
 
 use common::{Folder, data};
-use mavsight_flight::{InputSample, InputSeries, Vehicle};
+use mavsight_flight::{HelicopterInput, InputSeries, Vehicle};
 use mavsight_pipeline::{ControlPointRow, Refinement};
-use mavsight_session::tables::{read_control_pixels, read_control_points, read_inputs};
+use mavsight_session::tables::{read_control_pixels, read_control_points, read_inputs, read_inputs_with};
 use mavsight_session::{
     ControlSection, Session, SessionCamera, SessionFile, load_model, load_vehicle, write_control_points,
     write_inputs, write_toml,
@@ -17,14 +17,14 @@ use std::path::PathBuf;
 const POINTS: &str = "name,x_m,y_m,z_m,diameter_m,color\na,0,0,0,0.06,#c83030\nb,1,0,0,0.06,#2c9030\n";
 
 fn inputs() -> InputSeries {
-    let sample = |k: usize| InputSample {
+    let sample = |k: usize| HelicopterInput {
         t_s: 0.01 * k as f64,
         omega_u_rad_s: 214.5 + 0.125 * k as f64,
         omega_l_rad_s: 214.25,
         delta_lon_rad: 0.01 * k as f64,
         delta_lat_rad: -0.5,
     };
-    InputSeries::new((0..30).map(sample).collect()).unwrap()
+    HelicopterInput::recorded(&(0..30).map(sample).collect::<Vec<_>>()).unwrap()
 }
 
 fn session(folder: &Folder) -> PathBuf {
@@ -87,7 +87,8 @@ fn paper_flight_is_read() {
     let points = session.control_points().unwrap();
     assert_eq!((points.len(), points[7].name.as_str()), (8, "violet"));
     assert_eq!(points[7].position_m, [-1.5, 1.5, 3.0]);
-    assert_eq!(session.inputs().unwrap().unwrap().samples()[0].omega_u_rad_s, 214.719989849);
+    let inputs = session.inputs().unwrap().unwrap();
+    assert_eq!(inputs.column("omega_u_rad_s").unwrap()[0], 214.719989849);
 }
 
 #[test]
@@ -96,8 +97,11 @@ fn what_is_written_is_read() {
     let session = Session::load(&session(&folder)).unwrap();
     assert_eq!(session.vehicle, Vehicle::paper());
     assert_eq!(session.cameras()[1].video, folder.path("cam2/frame_%05d.png"));
-    for (a, b) in session.inputs().unwrap().unwrap().samples().iter().zip(inputs().samples()) {
-        assert!((a.t_s - b.t_s).abs() < 1e-12 && (a.omega_u_rad_s - b.omega_u_rad_s).abs() < 1e-12);
+    let (got, want) = (session.inputs().unwrap().unwrap(), inputs());
+    assert_eq!((got.names(), got.times_s().len()), (want.names(), 30));
+    for k in 0..30 {
+        let values = got.row(k).iter().zip(want.row(k)).all(|(a, b)| (a - b).abs() < 1e-12);
+        assert!(values && (got.times_s()[k] - want.times_s()[k]).abs() < 1e-12);
     }
     assert_eq!(load_vehicle(&folder.path("vehicle.toml")).unwrap(), Vehicle::paper());
 }
@@ -244,7 +248,7 @@ fn tables_that_are_none_are_refused() {
     let reordered =
         "delta_lat_rad, t_s ,omega_u_rad_s,note,omega_l_rad_s,delta_lon_rad\n5,0,1,x,2,3\n6,1,1,,2,3\n";
     let series = read_inputs(&folder.write("t.csv", format!("\u{feff}{reordered}"))).unwrap();
-    assert_eq!((series.samples()[1].t_s, series.samples()[1].delta_lat_rad), (1.0, 6.0));
+    assert_eq!((series.times_s()[1], series.column("delta_lat_rad").unwrap()[1]), (1.0, 6.0));
 }
 
 #[test]
@@ -265,17 +269,28 @@ fn control_tables_are_checked() {
 }
 
 #[test]
-fn further_columns_of_numbers_are_channels() {
+fn every_column_of_numbers_is_an_input() {
     let folder = Folder::new();
     let read = |content: &str| read_inputs(&folder.write("t.csv", content));
     let own = "t_s,omega_u_rad_s,omega_l_rad_s,delta_lon_rad,delta_lat_rad";
     let series = read(&format!("{own},aileron,remark\n0,1,2,3,4,0.5,go\n1,1,2,3,4,0.7,\n")).unwrap();
-    assert_eq!(series.channels().len(), 1, "words are no channel");
-    assert_eq!((series.channels()[0].name.as_str(), series.channels()[0].values[1]), ("aileron", 0.7));
+    assert_eq!(series.names().len(), 5, "words are no input");
+    assert_eq!((series.names()[4].as_str(), series.row(1)[4]), ("aileron", 0.7));
+    write_inputs(&folder.path("again.csv"), &series).unwrap();
+    assert_eq!(read_inputs(&folder.path("again.csv")).unwrap(), series);
     // Another aircraft's table has none of the helicopter's columns.
     let series = read("t_s,omega_1,omega_2\n0,1,2\n0.5,3,4\n").unwrap();
-    assert_eq!(series.samples()[1].omega_u_rad_s, 0.0);
-    assert_eq!(series.channels()[1].values, [2.0, 4.0]);
+    assert_eq!((series.names().len(), series.column("omega_2").unwrap()), (2, vec![2.0, 4.0]));
+    // What a model needs must be there, and must be numbers.
+    let needs = |content: &str| read_inputs_with(&folder.write("t.csv", content), &["omega_2"]);
+    let two = "t_s,omega_1,omega_2\n0,1,2\n0.5,3,4\n";
+    assert_eq!(needs(two).unwrap(), series);
+    has(&needs("t_s,omega_1\n0,1\n1,3\n").unwrap_err().to_string(), &["t.csv", "\"omega_2\"", "omega_1"]);
+    has(
+        &needs(&two.replace("3,4", "3,four")).unwrap_err().to_string(),
+        &["t.csv", "row 2", "omega_2", "four"],
+    );
+    has(&read("t_s,a,a\n0,1,2\n1,2,3\n").unwrap_err().to_string(), &["t.csv", "two columns", "named a"]);
     // With some of them, the others are missed; with nothing else, all are.
     for header in ["t_s,omega_u_rad_s,omega_1\n0,1,2\n1,2,3\n", "t_s\n0\n1\n"] {
         let error = read(header).unwrap_err().to_string();

@@ -69,7 +69,7 @@ pub fn model_coefficients(vehicle: &Vehicle, omega_rad_s: f64) -> ModelCoefficie
 mod tests {
     use super::*;
     use approx::assert_relative_eq;
-    use mavsight_flight::{Airframe, InputSample, StateVector, hover_rotor_speed_rad_s, thrust_n};
+    use mavsight_flight::{Airframe, HelicopterInput, StateVector, hover_rotor_speed_rad_s, thrust_n};
     use nalgebra::{Quaternion, UnitQuaternion, Vector3};
     use proptest::prelude::*;
     use std::f64::consts::PI;
@@ -88,7 +88,7 @@ mod tests {
 
     /// The equations of motion in newtons and newton metres: each rotor's thrust tipped with its disc, drag,
     /// hub stiffness, torques and damping.
-    fn dimensional(vehicle: &Vehicle, input: &InputSample, y: &StateVector) -> StateVector {
+    fn dimensional(vehicle: &Vehicle, input: &HelicopterInput, y: &StateVector) -> StateVector {
         let (t, a, r) = (thrust_n(vehicle, input), &vehicle.assumption, &vehicle.rotor);
         let q = Quaternion::new(y[3], y[4], y[5], y[6]);
         let level_from_body = UnitQuaternion::from_quaternion(q);
@@ -145,7 +145,7 @@ mod tests {
             let mut vehicle = Vehicle::paper();
             vehicle.assumption.drag_n_s_m = 0.05;
             vehicle.assumption.hub_stiffness_n_m_rad = 0.3;
-            let input = InputSample {
+            let input = HelicopterInput {
                 t_s: 0.0,
                 omega_u_rad_s: 205.0,
                 omega_l_rad_s: 222.0,

@@ -2,7 +2,7 @@
 //! room, wanders, and moves the swash-plate now and then so that the parameters show themselves.
 
 use crate::{FlightState, InitialState, SimulatorError, simulate};
-use mavsight_flight::{FlightError, InputSample, InputSeries, Vehicle, hover_rotor_speed_rad_s};
+use mavsight_flight::{FlightError, HelicopterInput, InputSeries, Vehicle, hover_rotor_speed_rad_s};
 use mavsight_geometry::{EulerAngles, Vector3};
 use std::collections::VecDeque;
 
@@ -35,9 +35,9 @@ pub struct Pilot {
     /// Frames from the first one that is kept on.
     frames: VecDeque<FlightState>,
     first: u64,
-    inputs: VecDeque<InputSample>,
+    inputs: VecDeque<HelicopterInput>,
     /// Commands that nobody has taken yet.
-    fresh: Vec<InputSample>,
+    fresh: Vec<HelicopterInput>,
     step: u64,
 }
 
@@ -53,14 +53,14 @@ impl Pilot {
             attitude: EulerAngles { psi_rad: HEADING_RAD, ..EulerAngles::default() },
             ..InitialState::default()
         };
-        let still = |t_s| InputSample {
+        let still = |t_s| HelicopterInput {
             t_s,
             omega_u_rad_s: hover_rad_s,
             omega_l_rad_s: hover_rad_s,
-            ..InputSample::default()
+            ..HelicopterInput::default()
         };
         let frame_s = 1.0 / frame_rate_hz;
-        let inputs = InputSeries::new(vec![still(0.0), still(frame_s)])?;
+        let inputs = HelicopterInput::recorded(&[still(0.0), still(frame_s)])?;
         let states = simulate(vehicle, &inputs, &start, &[0.0])?;
         let state = states.first().copied().ok_or(FlightError::TooFewInputs(0))?;
         Ok(Self {
@@ -102,11 +102,12 @@ impl Pilot {
         }
         let before = self.inputs.partition_point(|i| i.t_s <= from_s).saturating_sub(1);
         let after = self.inputs.partition_point(|i| i.t_s < to_s) + 1;
-        InputSeries::new(self.inputs.range(before..after.min(self.inputs.len())).copied().collect()).ok()
+        let kept = self.inputs.range(before..after.min(self.inputs.len()));
+        HelicopterInput::recorded(&kept.copied().collect::<Vec<_>>()).ok()
     }
 
     /// What has been commanded since the last call.
-    pub fn fresh(&mut self) -> std::vec::Drain<'_, InputSample> {
+    pub fn fresh(&mut self) -> std::vec::Drain<'_, HelicopterInput> {
         self.fresh.drain(..)
     }
 
@@ -115,7 +116,7 @@ impl Pilot {
         let step_s = self.frame_s / f64::from(STEPS);
         let (t_s, next_s) = (self.step as f64 * step_s, (self.step + 1) as f64 * step_s);
         let input = self.command(t_s);
-        let inputs = InputSeries::new(vec![input, InputSample { t_s: next_s, ..input }])?;
+        let inputs = HelicopterInput::recorded(&[input, HelicopterInput { t_s: next_s, ..input }])?;
         let start = self.state.as_start();
         if let Some(state) = simulate(&self.vehicle, &inputs, &start, &[t_s, next_s])?.last() {
             self.state = *state;
@@ -130,7 +131,7 @@ impl Pilot {
     }
 
     /// Position by tilt, tilt by the swash-plate, height by both rotors and heading by their difference.
-    fn command(&self, t_s: f64) -> InputSample {
+    fn command(&self, t_s: f64) -> HelicopterInput {
         let s = &self.state;
         let to_level = |v: Vector3<f64>| Vector3::new(v.x, -v.y, -v.z);
         let velocity = s.attitude.level_from_body() * s.velocity_in_body_m_s;
@@ -148,7 +149,7 @@ impl Pilot {
         let turn = (0.1 * (HEADING_RAD - s.attitude.psi_rad) - 0.1 * r).clamp(-0.1, 0.1);
         let mean = self.hover_rad_s * (1.0 + heave.clamp(-0.1, 0.1));
         let bounded = |angle: f64| angle.clamp(-MOST_RAD, MOST_RAD);
-        InputSample {
+        HelicopterInput {
             t_s,
             omega_u_rad_s: mean * (1.0 - turn),
             omega_l_rad_s: mean * (1.0 + turn),

@@ -1,7 +1,7 @@
 //! A flight to simulate: a start, manoeuvres, and what else is in the room.
 
 use crate::{InitialState, Maneuver, SimulatorError, Staging};
-use mavsight_flight::{InputSample, InputSeries, Vehicle, hover_rotor_speed_rad_s};
+use mavsight_flight::{HelicopterInput, InputSeries, Vehicle, hover_rotor_speed_rad_s};
 use mavsight_geometry::EulerAngles;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -81,7 +81,8 @@ impl Scenario {
         let samples = (self.duration_s * self.input_rate_hz).ceil() as usize + 1;
         let sample = |k: usize| {
             let t_s = k as f64 / self.input_rate_hz;
-            let mut s = InputSample { t_s, omega_u_rad_s: hover, omega_l_rad_s: hover, ..Default::default() };
+            let mut s =
+                HelicopterInput { t_s, omega_u_rad_s: hover, omega_l_rad_s: hover, ..Default::default() };
             for maneuver in &self.maneuver {
                 let value = maneuver.value(t_s);
                 match maneuver.channel() {
@@ -93,7 +94,8 @@ impl Scenario {
             }
             s
         };
-        Ok(InputSeries::new((0..samples).map(sample).collect())?)
+        let samples: Vec<HelicopterInput> = (0..samples).map(sample).collect();
+        Ok(HelicopterInput::recorded(&samples)?)
     }
 
     /// Where the flight starts: at rest, level.
@@ -119,7 +121,8 @@ mod tests {
     #[test]
     fn the_papers_doublet_is_down_then_up() {
         let inputs = Scenario::paper().inputs(&Vehicle::paper()).expect("inputs");
-        let at = |t: f64| inputs.at(t).map(|s| s.delta_lon_rad.to_degrees()).unwrap_or(f64::NAN);
+        let angle = inputs.select(&["delta_lon_rad"]).expect("the column");
+        let at = |t: f64| angle.at(t).map_or(f64::NAN, |row| row[0].to_degrees());
         for (t, degrees) in [(1.9, 0.0), (2.5, -5.0), (3.5, 5.0), (4.5, 0.0)] {
             assert!((at(t) - degrees).abs() < 1e-12, "{t} s: {}", at(t));
         }

@@ -3,7 +3,7 @@
 use crate::{SimulatorError, true_coefficients};
 use differential_equations::prelude::{ExplicitRungeKutta, IVP, ODE};
 use mavsight_flight::{
-    Airframe, Coefficients, FLIGHT_STATES, FlapState, InputSample, InputSeries, StateVector, Vehicle,
+    Airframe, Coefficients, FLIGHT_STATES, FlapState, HelicopterInput, InputSeries, StateVector, Vehicle,
 };
 use mavsight_geometry::{EulerAngles, Isometry3, world_from_body};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
@@ -104,7 +104,7 @@ struct Model {
 
 struct Segment<'a> {
     model: &'a Model,
-    input: InputSample,
+    input: HelicopterInput,
     end_s: f64,
 }
 
@@ -139,16 +139,17 @@ pub fn simulate(
     let airframe = Airframe::of_vehicle(vehicle)?;
     let coefficients = true_coefficients(vehicle, airframe.reference_speed_rad_s());
     let model = Model { airframe, coefficients };
-    let mut input = inputs.require(first_s)?;
+    let series = HelicopterInput::series(inputs)?;
+    let mut input = HelicopterInput::require(&series, inputs, first_s)?;
     // Samples before this are past.
-    let mut next = inputs.samples().partition_point(|s| s.t_s <= first_s + SAME_TIME_S);
+    let mut next = series.partition_point(|s| s.t_s <= first_s + SAME_TIME_S);
     out.push(model.state_at(&input, &y));
     for pair in times_s.windows(2) {
         if pair[1] <= pair[0] || pair[1].is_nan() {
             return Err(SimulatorError::OutputTimes { t_s: pair[1], before_s: pair[0] });
         }
-        let end = inputs.require(pair[1])?;
-        let ahead = &inputs.samples()[next..];
+        let end = HelicopterInput::require(&series, inputs, pair[1])?;
+        let ahead = &series[next..];
         let before_end = ahead.iter().take_while(|s| s.t_s < pair[1] - SAME_TIME_S).count();
         for knot in ahead[..before_end].iter().copied().chain([end]) {
             y = Segment { model: &model, input, end_s: knot.t_s }.advance(y)?;
@@ -179,7 +180,7 @@ impl Segment<'_> {
 }
 
 impl Model {
-    fn state_at(&self, input: &InputSample, y: &StateVector) -> FlightState {
+    fn state_at(&self, input: &HelicopterInput, y: &StateVector) -> FlightState {
         let rates = self.airframe.derivative(&self.coefficients, input, y);
         let level_from_body = UnitQuaternion::from_quaternion(Quaternion::new(y[3], y[4], y[5], y[6]));
         let vector =
@@ -207,8 +208,8 @@ mod tests {
     fn hover_inputs(vehicle: &Vehicle, end_s: f64) -> InputSeries {
         let omega = hover_rotor_speed_rad_s(vehicle);
         let sample =
-            |t_s| InputSample { t_s, omega_u_rad_s: omega, omega_l_rad_s: omega, ..Default::default() };
-        InputSeries::new(vec![sample(0.0), sample(end_s)]).expect("valid")
+            |t_s| HelicopterInput { t_s, omega_u_rad_s: omega, omega_l_rad_s: omega, ..Default::default() };
+        HelicopterInput::recorded(&[sample(0.0), sample(end_s)]).expect("valid")
     }
 
     #[test]
@@ -223,8 +224,8 @@ mod tests {
     #[test]
     fn falls_as_galileo_says_when_the_rotors_stop() {
         let vehicle = Vehicle::paper();
-        let still = |t_s| InputSample { t_s, ..Default::default() };
-        let inputs = InputSeries::new(vec![still(0.0), still(1.0)]).expect("valid");
+        let still = |t_s| HelicopterInput { t_s, ..Default::default() };
+        let inputs = HelicopterInput::recorded(&[still(0.0), still(1.0)]).expect("valid");
         let end = simulate(&vehicle, &inputs, &InitialState::default(), &[0.0, 1.0]).expect("a flight")[1];
         assert_relative_eq!(end.position_in_world_m.z, -9.804 / 2.0, epsilon = 1e-9);
     }
@@ -235,8 +236,8 @@ mod tests {
         vehicle.assumption.roll_damping_n_m_s_rad = 0.0;
         vehicle.assumption.pitch_damping_n_m_s_rad = 0.0;
         vehicle.assumption.yaw_damping_n_m_s_rad = 0.0;
-        let still = |t_s| InputSample { t_s, ..Default::default() };
-        let inputs = InputSeries::new(vec![still(0.0), still(3.0)]).expect("valid");
+        let still = |t_s| HelicopterInput { t_s, ..Default::default() };
+        let inputs = HelicopterInput::recorded(&[still(0.0), still(3.0)]).expect("valid");
         let start = InitialState { rates_rad_s: Vector3::new(2.0, 3.0, 4.0), ..Default::default() };
         let states = simulate(&vehicle, &inputs, &start, &[0.0, 1.3, 3.0]).expect("a flight");
         let momentum = |s: &FlightState| {
@@ -252,8 +253,9 @@ mod tests {
         let mut vehicle = Vehicle::paper();
         vehicle.rotor.thrust_coefficient_upper = 1e-12;
         vehicle.rotor.thrust_coefficient_lower = 1e-12;
-        let still = |t_s| InputSample { t_s, omega_u_rad_s: 1.0, omega_l_rad_s: 1.0, ..Default::default() };
-        let inputs = InputSeries::new(vec![still(0.0), still(1.0)]).expect("valid");
+        let still =
+            |t_s| HelicopterInput { t_s, omega_u_rad_s: 1.0, omega_l_rad_s: 1.0, ..Default::default() };
+        let inputs = HelicopterInput::recorded(&[still(0.0), still(1.0)]).expect("valid");
         let flap = FlapState { alpha_l_rad: 0.1, beta_l_rad: -0.1, alpha_f_rad: 0.2, beta_f_rad: 0.05 };
         let start = InitialState { flap, ..Default::default() };
         let end = simulate(&vehicle, &inputs, &start, &[0.0, 0.1]).expect("a flight")[1].flap;
@@ -310,14 +312,15 @@ mod tests {
     fn samples_between_output_times_act_once_each() {
         let vehicle = Vehicle::paper();
         let omega = hover_rotor_speed_rad_s(&vehicle);
-        let sample = |k: usize| InputSample {
+        let sample = |k: usize| HelicopterInput {
             t_s: 0.01 * k as f64,
             omega_u_rad_s: omega,
             omega_l_rad_s: omega,
             delta_lon_rad: 0.05 * (0.2 * k as f64).sin(),
             delta_lat_rad: 0.0,
         };
-        let inputs = InputSeries::new((0..=200).map(sample).collect()).expect("valid");
+        let samples: Vec<HelicopterInput> = (0..=200).map(sample).collect();
+        let inputs = HelicopterInput::recorded(&samples).expect("valid");
         let fine: Vec<f64> = (0..=400).map(|k| 0.005 * k as f64).collect();
         let fly = |t_s: &[f64]| {
             let states = simulate(&vehicle, &inputs, &InitialState::default(), t_s).expect("a flight");

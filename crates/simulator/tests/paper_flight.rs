@@ -1,6 +1,6 @@
 //! The motion of an integration of the same model that shares no code with this one.
 
-use mavsight_flight::{InputSample, InputSeries, Vehicle};
+use mavsight_flight::{HelicopterInput, Vehicle};
 use mavsight_simulator::{Scenario, simulate};
 use std::path::PathBuf;
 
@@ -23,9 +23,9 @@ fn table(text: &str) -> Vec<Vec<f64>> {
 fn paper_flights_motion_is_reproduced() {
     let Some(folder) = recordings() else { return };
     let read = |name: &str| table(&std::fs::read_to_string(folder.join(name)).expect("a table"));
-    let samples = read("inputs.csv")
+    let samples: Vec<HelicopterInput> = read("inputs.csv")
         .iter()
-        .map(|r| InputSample {
+        .map(|r| HelicopterInput {
             t_s: r[0],
             omega_u_rad_s: r[1],
             omega_l_rad_s: r[2],
@@ -33,7 +33,7 @@ fn paper_flights_motion_is_reproduced() {
             delta_lat_rad: r[4],
         })
         .collect();
-    let inputs = InputSeries::new(samples).expect("inputs");
+    let inputs = HelicopterInput::recorded(&samples).expect("inputs");
     let truth = read("truth.csv");
     let times: Vec<f64> = truth.iter().map(|r| r[0]).collect();
     let states = simulate(&Vehicle::paper(), &inputs, &Scenario::paper().start(), &times).expect("a flight");

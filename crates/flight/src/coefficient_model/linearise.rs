@@ -1,7 +1,7 @@
 //! Exact derivatives of the equations of motion with respect to state and coefficients.
 
 use super::{Airframe, COEFFICIENTS, Coefficient as C, Coefficients, Effect, FLIGHT_STATES, StateVector};
-use crate::InputSample;
+use crate::HelicopterInput;
 use mavsight_geometry::{Matrix3, Vector3};
 use nalgebra::{Matrix3x4, SMatrix, Vector4};
 
@@ -52,7 +52,7 @@ impl Linearisation {
         }
     }
 
-    fn flapping(&mut self, c: &Coefficients, input: &InputSample, y: &StateVector) {
+    fn flapping(&mut self, c: &Coefficients, input: &HelicopterInput, y: &StateVector) {
         let kb = c.get(C::SwashplateGain);
         let lower = (C::TauLower, c.get(C::TauLower));
         let flybar = (C::TauFlybar, c.get(C::TauFlybar));
@@ -113,7 +113,7 @@ fn d_turned(q: &Vector4<f64>, v: &Vector3<f64>) -> Matrix3x4<f64> {
 
 impl Airframe {
     /// Derivatives of [`Airframe::derivative`] with respect to state and coefficients.
-    pub fn linearise(&self, c: &Coefficients, input: &InputSample, y: &StateVector) -> Linearisation {
+    pub fn linearise(&self, c: &Coefficients, input: &HelicopterInput, y: &StateVector) -> Linearisation {
         let mut out = Linearisation::zeros();
         let q = Vector4::new(y[3], y[4], y[5], y[6]);
         let velocity = Vector3::new(y[7], y[8], y[9]);
@@ -135,7 +135,13 @@ impl Airframe {
         out
     }
 
-    fn add_effects(&self, c: &Coefficients, input: &InputSample, y: &StateVector, out: &mut Linearisation) {
+    fn add_effects(
+        &self,
+        c: &Coefficients,
+        input: &HelicopterInput,
+        y: &StateVector,
+        out: &mut Linearisation,
+    ) {
         for Effect { row, which, state, per_unit } in self.effects(input) {
             let by_coefficient = &mut out.by_coefficient[row];
             let Some(k) = state else {

@@ -10,8 +10,8 @@ fn state(x: &[f64]) -> StateVector {
     })
 }
 
-fn input() -> InputSample {
-    InputSample {
+fn input() -> HelicopterInput {
+    HelicopterInput {
         t_s: 0.0,
         omega_u_rad_s: 205.0,
         omega_l_rad_s: 222.0,

@@ -8,7 +8,7 @@ use super::propagate::TANGENT;
 use super::shooting::{Evaluation, Point, Shooting};
 use crate::IdentifyError;
 use crate::inverse::inverse;
-use mavsight_flight::{Coefficient, InputSeries, StateVector};
+use mavsight_flight::{Coefficient, HelicopterInput, InputSeries, StateVector};
 use nalgebra::DVector;
 
 /// Tightness of the gaps: loose enough for any start, then far below what is measured. With the last one a
@@ -68,7 +68,8 @@ impl<'a> Fitter<'a> {
         let (mut bounds, mut starts): (Vec<usize>, Vec<StateVector>) = nodes.into_iter().unzip();
         bounds.push(times_s.len());
         inputs.require(times_s[times_s.len() - 1] - model.input_lag_s)?;
-        let input = inputs.require(times_s[bounds[0]] - model.input_lag_s)?;
+        let series = HelicopterInput::series(inputs)?;
+        let input = HelicopterInput::require(&series, inputs, times_s[bounds[0]] - model.input_lag_s)?;
         let kb = model.coefficients.get(Coefficient::SwashplateGain);
         starts[0][13..].copy_from_slice(&[kb * input.delta_lon_rad, kb * input.delta_lat_rad, 0.0, 0.0]);
         let mut prior_weights = [0.0; TANGENT];
@@ -77,7 +78,7 @@ impl<'a> Fitter<'a> {
             InitialFlapping::Free => FREE_STD_RAD.recip(),
         });
         let problem = Shooting {
-            inputs: inputs.samples(),
+            inputs: series,
             measurements,
             hold_times: false,
             longest_step_s: LONGEST_STEP_S[0],

@@ -8,7 +8,7 @@ use super::{
     disagreement, output_error,
 };
 use crate::{Estimator, Identification, IdentifyError};
-use mavsight_flight::{InputSample, InputSeries, Vehicle};
+use mavsight_flight::{HelicopterInput, InputSeries, Vehicle};
 use mavsight_pose::{BodyMarker, MarkerObservation, PoseSample, Rig};
 use nalgebra::{DMatrix, DVector};
 
@@ -78,8 +78,8 @@ struct Speeds {
 
 impl Speeds {
     fn of(model: &FlightModel, inputs: &InputSeries) -> Option<Self> {
-        let samples = inputs.samples();
-        let mean2 = |of: fn(&InputSample) -> f64| {
+        let samples = HelicopterInput::series(inputs).ok()?;
+        let mean2 = |of: fn(&HelicopterInput) -> f64| {
             samples.iter().map(|s| of(s).powi(2)).sum::<f64>() / samples.len() as f64
         };
         let both = mean2(|s| 0.5 * (s.omega_u_rad_s + s.omega_l_rad_s));
@@ -336,14 +336,14 @@ mod tests {
     fn what_a_disc_does_is_the_same_by_the_mean_speed_and_by_its_own() {
         use mavsight_flight::Coefficient;
         let vehicle = Vehicle::paper();
-        let input = |t_s: f64| InputSample {
+        let input = |t_s: f64| HelicopterInput {
             t_s,
             omega_u_rad_s: 205.0,
             omega_l_rad_s: 227.0,
             delta_lon_rad: 0.0,
             delta_lat_rad: 0.0,
         };
-        let inputs = InputSeries::new(vec![input(0.0), input(1.0)]).expect("inputs");
+        let inputs = HelicopterInput::recorded(&[input(0.0), input(1.0)]).expect("inputs");
         let mut model = FlightModel::new(&vehicle, &inputs).expect("a model");
         model.coefficients =
             mavsight_simulator::true_coefficients(&vehicle, model.airframe.reference_speed_rad_s());

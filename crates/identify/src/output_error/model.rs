@@ -1,7 +1,7 @@
 //! The model of a fit: which coefficients are free, and where they start.
 
 use crate::{IdentifyError, independent_columns};
-use mavsight_flight::{Airframe, Coefficient, Coefficients, InputSample, InputSeries, Vehicle};
+use mavsight_flight::{Airframe, Coefficient, Coefficients, HelicopterInput, InputSeries, Vehicle};
 use nalgebra::DMatrix;
 
 /// A number that a fit may free.
@@ -85,7 +85,10 @@ impl FlightModel {
         ] {
             coefficients.set(which, value);
         }
-        let free = default_free(inputs).into_iter().map(ModelParameter::Coefficient).collect();
+        let free = default_free(&HelicopterInput::series(inputs)?)
+            .into_iter()
+            .map(ModelParameter::Coefficient)
+            .collect();
         Ok(Self { airframe, coefficients, input_lag_s: 0.0, free })
     }
 
@@ -190,10 +193,10 @@ fn known(name: &str) -> Result<ModelParameter, IdentifyError> {
     })
 }
 
-fn default_free(inputs: &InputSeries) -> Vec<Coefficient> {
+fn default_free(inputs: &[HelicopterInput]) -> Vec<Coefficient> {
     use Coefficient as C;
-    let moves = |value: fn(&InputSample) -> f64| {
-        let values = inputs.samples().iter().map(value);
+    let moves = |value: fn(&HelicopterInput) -> f64| {
+        let values = inputs.iter().map(value);
         let (low, high) = values.fold((f64::MAX, f64::MIN), |(a, b), v| (a.min(v), b.max(v)));
         high - low > 1e-9 * high.abs().max(1.0)
     };
@@ -204,8 +207,8 @@ fn default_free(inputs: &InputSeries) -> Vec<Coefficient> {
         free.push(C::ClP);
     }
     // Rotors that go together say only what both do.
-    let squares = DMatrix::from_fn(inputs.samples().len(), 2, |i, j| {
-        let s = &inputs.samples()[i];
+    let squares = DMatrix::from_fn(inputs.len(), 2, |i, j| {
+        let s = &inputs[i];
         [s.omega_u_rad_s, s.omega_l_rad_s][j].powi(2)
     });
     let apart = independent_columns(&squares, &[0.0; 2]).independent.len() == 2;
@@ -228,9 +231,10 @@ mod tests {
                 let t_s = 0.02 * f64::from(k);
                 let part = 1.0 + 0.04 * (3.0 * t_s).sin();
                 let (omega_u_rad_s, omega_l_rad_s) = (214.0 * part, 210.0 * lower(part));
-                InputSample { t_s, omega_u_rad_s, omega_l_rad_s, ..Default::default() }
+                HelicopterInput { t_s, omega_u_rad_s, omega_l_rad_s, ..Default::default() }
             };
-            let inputs = InputSeries::new((0..200).map(sample).collect()).unwrap();
+            let samples: Vec<HelicopterInput> = (0..200).map(sample).collect();
+            let inputs = HelicopterInput::recorded(&samples).unwrap();
             let model = FlightModel::new(&Vehicle::paper(), &inputs).unwrap();
             ["C_Z,u", "C_Z,l", "C_Z,0"].map(|n| model.free().contains(&ModelParameter::from_name(n).unwrap()))
         };

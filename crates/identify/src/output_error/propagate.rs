@@ -1,7 +1,7 @@
 //! Fixed-step Runge-Kutta integration of a state together with its sensitivities.
 
 use super::model::{FlightModel, ModelParameter};
-use mavsight_flight::{Coefficient, FLIGHT_STATES, InputSample, Linearisation, StateVector};
+use mavsight_flight::{Coefficient, FLIGHT_STATES, HelicopterInput, Linearisation, StateVector};
 use nalgebra::{DMatrix, Matrix3, Quaternion, UnitQuaternion, Vector3};
 use std::ops::Range;
 
@@ -26,7 +26,7 @@ pub(crate) struct Step {
 
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Raster<'a> {
-    pub(crate) inputs: &'a [InputSample],
+    pub(crate) inputs: &'a [HelicopterInput],
     pub(crate) times_s: &'a [f64],
     pub(crate) longest_s: f64,
 }
@@ -96,7 +96,7 @@ impl Propagator {
     }
 
     /// One step: the classical Runge-Kutta method for the state, and its exact derivative.
-    pub(crate) fn step(&mut self, model: &FlightModel, inputs: &[InputSample], step: &Step) {
+    pub(crate) fn step(&mut self, model: &FlightModel, inputs: &[HelicopterInput], step: &Step) {
         let input = &inputs[step.input];
         let (airframe, c) = (&model.airframe, &model.coefficients);
         let (mut y_stage, mut y_sum) = (self.y, self.y);

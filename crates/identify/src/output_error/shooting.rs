@@ -6,7 +6,7 @@ use super::model::FlightModel;
 use super::propagate::{Propagator, Raster, SEEN, Step, TANGENT, difference, moved};
 use super::row::Row;
 use crate::IdentifyError;
-use mavsight_flight::{FLIGHT_STATES, InputSample, StateVector};
+use mavsight_flight::{FLIGHT_STATES, HelicopterInput, StateVector};
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
 #[derive(Debug, Clone)]
@@ -35,7 +35,7 @@ impl Point {
 
 /// What a fit keeps fixed while a point varies.
 pub(crate) struct Shooting<'a> {
-    pub(crate) inputs: &'a [InputSample],
+    pub(crate) inputs: Vec<HelicopterInput>,
     pub(crate) measurements: &'a Measurements,
     pub(crate) times_s: Vec<f64>,
     /// Instant at which each segment begins, and one past the last instant.
@@ -110,7 +110,7 @@ impl Shooting<'_> {
         let last = segment + 2 == self.bounds.len();
         let (from, to) = (self.bounds[segment], self.bounds[segment + 1] - usize::from(last));
         // The instant at which the next segment starts belongs to that.
-        let raster = Raster { inputs: self.inputs, times_s: &self.times_s, longest_s: self.longest_step_s };
+        let raster = Raster { inputs: &self.inputs, times_s: &self.times_s, longest_s: self.longest_step_s };
         raster.steps(self.times_s[from], self.times_s[to], model, from + 1..to + usize::from(last))
     }
 
@@ -127,7 +127,7 @@ impl Shooting<'_> {
             let mut flyer = Propagator::new(point.model.free(), start);
             self.see(&flyer, self.bounds[s], point, &mut rows, &mut out)?;
             for step in self.steps(&point.model, s) {
-                flyer.step(&point.model, self.inputs, &step);
+                flyer.step(&point.model, &self.inputs, &step);
                 if let Some(instant) = step.instant {
                     self.see(&flyer, instant, point, &mut rows, &mut out)?;
                 }

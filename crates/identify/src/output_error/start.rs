@@ -4,7 +4,7 @@ use super::fitter::{Begin, Recorded};
 use super::model::{FlightModel, ModelParameter};
 use crate::IdentifyError;
 use mavsight_flight::flapping::{Between, first_order_response, interpolate};
-use mavsight_flight::{Coefficient as C, InputSample, InputSeries, StateVector};
+use mavsight_flight::{Coefficient as C, HelicopterInput, StateVector};
 use mavsight_geometry::{Isometry3, Matrix3, Vector3, world_from_level};
 use nalgebra::{DMatrix, DVector, Matrix3x6, Vector6};
 
@@ -41,7 +41,8 @@ pub(crate) fn begin(
     }
     let t_s: Vec<f64> = poses.iter().map(|(i, _)| times_s[*i]).collect();
     let local: Vec<Local> = (0..poses.len()).map(|k| Local::at(k, &t_s, &poses)).collect();
-    let flap = flapping(model, inputs, &t_s, &local);
+    let series = HelicopterInput::series(inputs)?;
+    let flap = flapping(model, &series, &t_s, &local);
     let state = |k: usize| -> StateVector {
         let pose = &poses[k].1;
         let q = world_from_level().inverse() * pose.rotation;
@@ -50,7 +51,7 @@ pub(crate) fn begin(
     };
     let nodes = segment_starts(&t_s, segment_s).into_iter().map(|k| (poses[k].0, state(k))).collect();
     let moving = |k: usize| {
-        let input = inputs.at(t_s[k] - model.input_lag_s)?;
+        let input = HelicopterInput::require(&series, inputs, t_s[k] - model.input_lag_s).ok()?;
         Some(Moving { input, state: state(k), local: &local[k] })
     };
     let rows: Vec<Moving<'_>> = (0..poses.len()).filter_map(moving).collect();
@@ -59,7 +60,7 @@ pub(crate) fn begin(
 
 /// Inputs and state at an instant, with the state's accelerations.
 struct Moving<'a> {
-    input: InputSample,
+    input: HelicopterInput,
     state: StateVector,
     local: &'a Local,
 }
@@ -142,12 +143,11 @@ impl Local {
 }
 
 /// alpha_l, beta_l, alpha_f, beta_f at the times, from rest.
-fn flapping(model: &FlightModel, inputs: &InputSeries, t_s: &[f64], local: &[Local]) -> Vec<[f64; 4]> {
+fn flapping(model: &FlightModel, samples: &[HelicopterInput], t_s: &[f64], local: &[Local]) -> Vec<[f64; 4]> {
     let [tau_l, tau_f, kb] =
         [C::TauLower, C::TauFlybar, C::SwashplateGain].map(|c| model.coefficients.get(c));
-    let samples = inputs.samples();
     let input_t_s: Vec<f64> = samples.iter().map(|s| s.t_s + model.input_lag_s).collect();
-    let swash = |delta: fn(&InputSample) -> f64| -> Vec<f64> {
+    let swash = |delta: fn(&HelicopterInput) -> f64| -> Vec<f64> {
         let held: Vec<f64> = samples.iter().map(|s| kb * delta(s)).collect();
         let forcing: Vec<f64> = held.iter().map(|h| h / tau_l).collect();
         let response = first_order_response(&input_t_s, &forcing, Between::Hold, tau_l, held[0]);

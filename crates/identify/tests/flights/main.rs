@@ -6,7 +6,7 @@ mod coverage;
 mod tally;
 
 use aircraft::{Flown, PRODUCTS, fly, longitudinal_multisine, multisine};
-use mavsight_flight::{FlightError, InputSample, InputSeries, Vehicle, hover_rotor_speed_rad_s};
+use mavsight_flight::{FlightError, HelicopterInput, Vehicle, hover_rotor_speed_rad_s};
 use mavsight_identify::{
     Band, Bandwidth, CoefficientTable, Estimator, FitOptions, Identification, IdentifyError, Model, Options,
     choose_structure, coefficients, identify, identify_with,
@@ -298,21 +298,22 @@ fn a_gap_in_time_is_refused_with_flapping_and_left_out_without() {
 fn inputs_that_do_not_fit_the_flight_are_refused() {
     let flown = fly(&Scenario::paper(), Vehicle::paper());
     let motion = flown.exact_motion();
-    let with = |inputs: Vec<InputSample>, options: &Options| {
-        let inputs = InputSeries::new(inputs).expect("valid");
+    let with = |inputs: &[HelicopterInput], options: &Options| {
+        let inputs = HelicopterInput::recorded(inputs).expect("valid");
         coefficients(&motion, &inputs, &flown.vehicle, options).map(|_| ())
     };
-    let all = flown.inputs.samples();
-    let short = with(all[..500].to_vec(), &Options::default());
+    let all = HelicopterInput::series(&flown.inputs).expect("all columns");
+    let short = with(&all[..500], &Options::default());
     assert!(matches!(short, Err(IdentifyError::Flight(FlightError::InputsDoNotCover { .. }))), "{short:?}");
-    let late = with(all[20..].to_vec(), &Options::default());
+    let late = with(&all[20..], &Options::default());
     assert!(matches!(late, Err(IdentifyError::Flight(FlightError::InputsDoNotCover { .. }))), "{late:?}");
-    let still = |s: &InputSample| InputSample { omega_u_rad_s: 0.0, omega_l_rad_s: 0.0, ..*s };
-    let stopped = with(all.iter().map(still).collect(), &Options::default());
+    let still = |s: &HelicopterInput| HelicopterInput { omega_u_rad_s: 0.0, omega_l_rad_s: 0.0, ..*s };
+    let stopped: Vec<HelicopterInput> = all.iter().map(still).collect();
+    let stopped = with(&stopped, &Options::default());
     assert!(matches!(stopped, Err(IdentifyError::RotorsStopped { .. })), "{stopped:?}");
     for hz in [0.0, -1.0, f64::NAN] {
         let options = Options { bandwidth: Bandwidth::Hz(hz), ..Options::default() };
-        let refused = with(all.to_vec(), &options);
+        let refused = with(&all, &options);
         assert!(matches!(refused, Err(IdentifyError::BadSetting { .. })), "{refused:?}");
     }
     let mut empty = motion.clone();

@@ -44,7 +44,7 @@ fn session(at: &Path) -> SessionFile {
 }
 
 fn recorded(session: SessionFile) -> RecordedSession {
-    RecordedSession { session, base: "".into(), rate_hz: 30.0, with_inputs: false, waits: true }
+    RecordedSession { session, base: "".into(), rate_hz: 30.0, inputs: None, waits: true }
 }
 
 fn fly_into(folder: &Path, from: &Path, films: &[Vec<(i64, Frame)>]) -> (u64, Vec<Event>) {

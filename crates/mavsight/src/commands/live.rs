@@ -80,5 +80,5 @@ fn recorded(session: &Session, args: &Live) -> Result<RecordedSession> {
     let folder = session.path.parent().unwrap_or(Path::new(""));
     let base = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
     let rate_hz = session.cameras().iter().find_map(|c| c.frame_rate_hz).unwrap_or(30.0);
-    Ok(RecordedSession { session: file, base, rate_hz, with_inputs: false, waits: args.fast })
+    Ok(RecordedSession { session: file, base, rate_hz, inputs: None, waits: args.fast })
 }

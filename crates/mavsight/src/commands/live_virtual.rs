@@ -6,7 +6,7 @@ use crate::cli::{Live, WrongCall};
 use crate::lab;
 use crate::progress::Bars;
 use anyhow::{Context, Result};
-use mavsight_flight::{InputSeries, Vehicle};
+use mavsight_flight::{HelicopterInput, InputSeries, Vehicle};
 use mavsight_geometry::ImageSize;
 use mavsight_live::{
     CameraSetup, FlightClock, InputSource, Listeners, Pace, RecordedSession, Recorder, RecorderSlot, Setup,
@@ -54,7 +54,7 @@ impl Shared {
         let mut pilot = self.pilot();
         let state = pilot.at(frame)?;
         for input in pilot.fresh() {
-            self.recorder.current().iter().for_each(|r| r.input(input));
+            self.recorder.current().iter().for_each(|r| r.input(input.t_s, &input.row()));
         }
         Ok(state)
     }
@@ -243,7 +243,8 @@ fn record(
         camera,
         ..SessionFile::default()
     };
-    let of = RecordedSession { session, base: to.to_owned(), rate_hz, with_inputs: true, waits };
+    let inputs = Some(HelicopterInput::COLUMNS.map(str::to_owned).to_vec());
+    let of = RecordedSession { session, base: to.to_owned(), rate_hz, inputs, waits };
     Ok(Recorder::begin(to, of)?)
 }
 

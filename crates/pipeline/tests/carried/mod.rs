@@ -3,7 +3,7 @@
 
 #![allow(dead_code)]
 
-use mavsight_flight::{InputSample, InputSeries};
+use mavsight_flight::{HelicopterInput, InputSeries};
 use mavsight_geometry::{
     Camera, ControlPoint, EulerAngles, ImageSize, Intrinsics, Isometry3, Matrix2, Point3, Vector2, Vector3,
     world_from_body,
@@ -93,7 +93,7 @@ pub(crate) fn instants(
 pub(crate) fn inputs(count: usize) -> InputSeries {
     let samples = (0..=(count as f64 / RATE_HZ * 100.0) as usize + 1).map(|k| {
         let t_s = k as f64 / 100.0;
-        InputSample {
+        HelicopterInput {
             t_s,
             omega_u_rad_s: 215.0 + 5.0 * (0.9 * t_s).sin(),
             omega_l_rad_s: 215.0 + 4.0 * (1.3 * t_s).cos(),
@@ -101,5 +101,5 @@ pub(crate) fn inputs(count: usize) -> InputSeries {
             delta_lat_rad: 0.04 * (1.7 * t_s).cos(),
         }
     });
-    InputSeries::new(samples.collect()).expect("inputs")
+    HelicopterInput::recorded(&samples.collect::<Vec<_>>()).expect("inputs")
 }

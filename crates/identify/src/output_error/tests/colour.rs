@@ -2,7 +2,7 @@ use super::support::{POSITION_STD_M, TURN_STD_RAD, flown, multisine, noisy_poses
 use crate::output_error::{
     Extent, FlightModel, Measurements, ModelParameter, OutputErrorFit, OutputErrorOptions, output_error,
 };
-use mavsight_flight::{InputSample, InputSeries, Vehicle, hover_rotor_speed_rad_s};
+use mavsight_flight::{HelicopterInput, Vehicle, hover_rotor_speed_rad_s};
 use mavsight_geometry::{UnitQuaternion, Vector3};
 use mavsight_random::Random;
 use mavsight_simulator::true_coefficients;
@@ -56,13 +56,14 @@ fn inputs_by_another_clock_are_found_and_said() {
     let vehicle = Vehicle::paper();
     let (inputs, states) = flown(&vehicle, &multisine(6.0));
     let lag_s = 0.0173;
-    let early = |s: &InputSample| InputSample { t_s: s.t_s - lag_s, ..*s };
-    let mut shifted: Vec<InputSample> = inputs.samples().iter().map(early).collect();
+    let early = |s: &HelicopterInput| HelicopterInput { t_s: s.t_s - lag_s, ..*s };
+    let given = HelicopterInput::series(&inputs).expect("all columns");
+    let mut shifted: Vec<HelicopterInput> = given.iter().map(early).collect();
     // The recorder runs on, so that the flight is covered.
     let last = shifted[shifted.len() - 1];
-    shifted.push(InputSample { t_s: last.t_s + 0.1, ..last });
-    shifted.insert(0, InputSample { t_s: shifted[0].t_s - 0.1, ..shifted[0] });
-    let shifted = InputSeries::new(shifted).expect("inputs");
+    shifted.push(HelicopterInput { t_s: last.t_s + 0.1, ..last });
+    shifted.insert(0, HelicopterInput { t_s: shifted[0].t_s - 0.1, ..shifted[0] });
+    let shifted = HelicopterInput::recorded(&shifted).expect("inputs");
     let model = FlightModel::new(&vehicle, &shifted).expect("a model");
     let names: Vec<&str> = model.free().iter().map(|p| p.name()).chain(["input_lag_s"]).collect();
     let model = model.clone().with_free(&names).expect("names");

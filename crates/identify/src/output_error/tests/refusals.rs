@@ -1,7 +1,7 @@
 use super::support::{flown, multisine, noisy_poses};
 use crate::IdentifyError;
 use crate::output_error::{FlightModel, Measurements, OutputErrorOptions, output_error};
-use mavsight_flight::{FlightError, InputSample, InputSeries, Vehicle};
+use mavsight_flight::{FlightError, HelicopterInput, InputSeries, Vehicle};
 use mavsight_random::Random;
 use mavsight_simulator::Scenario;
 
@@ -40,8 +40,9 @@ fn a_linkage_and_the_gains_behind_it_are_refused() {
 #[test]
 fn inputs_that_end_early_are_refused() {
     let (vehicle, inputs, measured) = paper();
-    let short: Vec<InputSample> = inputs.samples().iter().filter(|s| s.t_s < 3.0).copied().collect();
-    let short = InputSeries::new(short).expect("inputs");
+    let mut short = HelicopterInput::series(&inputs).expect("all columns");
+    short.retain(|s| s.t_s < 3.0);
+    let short = HelicopterInput::recorded(&short).expect("inputs");
     let model = FlightModel::new(&vehicle, &inputs).expect("a model");
     let refused = output_error(&model, &short, &measured, &OutputErrorOptions::default());
     assert!(

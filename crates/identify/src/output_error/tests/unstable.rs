@@ -3,7 +3,7 @@ use crate::output_error::{
     FlightModel, Measurements, ModelParameter, OutputErrorFit, OutputErrorOptions, StateMeasurement,
     output_error,
 };
-use mavsight_flight::{InputSample, InputSeries, Vehicle, hover_rotor_speed_rad_s};
+use mavsight_flight::{HelicopterInput, InputSeries, Vehicle, hover_rotor_speed_rad_s};
 use mavsight_geometry::{Isometry3, UnitQuaternion};
 use mavsight_pose::{PoseEstimate, PoseSample};
 use mavsight_random::Random;
@@ -23,20 +23,20 @@ fn piloted(vehicle: &Vehicle, scenario: &Scenario, roll_rad: f64) -> (InputSerie
     let (plan, _) = flown(&Vehicle::paper(), scenario);
     let mut at = scenario.start();
     at.attitude.phi_rad = roll_rad;
-    let (mut samples, mut states) = (Vec::<InputSample>::new(), Vec::new());
-    for (k, planned) in plan.samples().iter().enumerate() {
-        let mut now = *planned;
+    let (mut samples, mut states) = (Vec::<HelicopterInput>::new(), Vec::new());
+    let planned = HelicopterInput::series(&plan).expect("all columns");
+    for (k, mut now) in planned.into_iter().enumerate() {
         let (e, w) = (at.attitude, at.rates_rad_s);
         now.delta_lon_rad += (-2.0 * e.theta_rad - 0.4 * w.y).clamp(-0.3, 0.3);
         now.delta_lat_rad += (-2.0 * e.phi_rad - 0.4 * w.x).clamp(-0.3, 0.3);
         samples.push(now);
         let next_s = (k + 1) as f64 * 0.01;
-        let hold = InputSeries::new(vec![now, InputSample { t_s: next_s, ..now }]).expect("inputs");
+        let hold = HelicopterInput::recorded(&[now, HelicopterInput { t_s: next_s, ..now }]).expect("inputs");
         let two = simulate(vehicle, &hold, &at, &[now.t_s, next_s]).expect("a flight");
         states.push(two[0]);
         at = two[1].as_start();
     }
-    (InputSeries::new(samples).expect("inputs"), states.into_iter().step_by(4).collect())
+    (HelicopterInput::recorded(&samples).expect("inputs"), states.into_iter().step_by(4).collect())
 }
 
 fn holds_the_truth(fit: &OutputErrorFit, vehicle: &Vehicle) {
