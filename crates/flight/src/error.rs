@@ -1,6 +1,7 @@
 //! What is refused of vehicles and inputs, and what to do about it.
 
 use mavsight_geometry::GeometryError;
+use mavsight_model::ModelError;
 use thiserror::Error;
 
 /// A vehicle or an input that is not valid.
@@ -14,13 +15,61 @@ pub enum FlightError {
         /// Its value.
         value: f64,
     },
-    /// A rotor that answers faster than any.
-    #[error("{key} is {value} s, but no rotor flaps within a millisecond: give seconds")]
-    FlapTime {
+    /// A value of the model outside its bounds.
+    #[error("{key} is {value}, but must be a number from {min} to {max}: correct the vehicle file")]
+    OutOfBounds {
         /// Key in the vehicle file.
         key: String,
         /// Its value.
         value: f64,
+        /// Least value.
+        min: f64,
+        /// Largest value.
+        max: f64,
+    },
+    /// A value of a parameter that the model does not have.
+    #[error("[{section}] gives {name}, but the model {model} has no such parameter; the nearest are: {}", near.join(", "))]
+    UnknownParameter {
+        /// Section of the vehicle file.
+        section: String,
+        /// Name.
+        name: String,
+        /// Name of the model.
+        model: String,
+        /// The nearest parameters.
+        near: Vec<String>,
+    },
+    /// A flight model that cannot be read.
+    #[error(
+        "the vehicle's model {name:?} cannot be read ({detail}): name a file beside the vehicle file, or one of the shelf: {shelf}"
+    )]
+    Model {
+        /// Name in the vehicle file.
+        name: String,
+        /// What is wrong.
+        detail: String,
+        /// Models of the shelf.
+        shelf: String,
+    },
+    /// A flight model that is wrong.
+    #[error(transparent)]
+    ModelFile(#[from] ModelError),
+    /// A vehicle file of two schemas.
+    #[error(
+        "the vehicle file has a [rotor] (schema 1) and names a `model` (schema 2): write the rotor's values as [parameters] of the model, or remove `model`"
+    )]
+    TwoSchemas,
+    /// A product of inertia that no body has.
+    #[error(
+        "{key} is {value}, but must lie within ±{limit:.3e}, the root of the two moments: correct the vehicle file"
+    )]
+    InertiaProduct {
+        /// Key in the vehicle file.
+        key: String,
+        /// Its value.
+        value: f64,
+        /// The limit.
+        limit: f64,
     },
     /// Moments of inertia that no body has.
     #[error(

@@ -49,13 +49,14 @@ pub(crate) struct Section<'a> {
 
 impl<'a> Section<'a> {
     pub(crate) fn new(name: String, at: usize, table: &'a DeTable<'a>, source: Source<'a>) -> Self {
-        let entry = |(key, value): (&'a Spanned<std::borrow::Cow<'a, str>>, &'a Spanned<DeValue<'a>>)| Entry {
-            key: key.get_ref().clone().into_owned(),
-            key_at: key.span().start,
-            at: value.span().start,
-            value: value.get_ref(),
-            source,
-        };
+        let entry =
+            |(key, value): (&'a Spanned<std::borrow::Cow<'a, str>>, &'a Spanned<DeValue<'a>>)| Entry {
+                key: key.get_ref().clone().into_owned(),
+                key_at: key.span().start,
+                at: value.span().start,
+                value: value.get_ref(),
+                source,
+            };
         let mut entries: Vec<Entry<'a>> = table.iter().map(entry).collect();
         entries.sort_by_key(|e| e.key_at);
         Self { name, at, entries, asked: RefCell::default(), source }
@@ -99,7 +100,9 @@ impl<'a> Section<'a> {
     /// Refuses keys that nobody asked for.
     pub(crate) fn finish(&self) -> Result<(), ModelError> {
         let asked = self.asked.borrow();
-        let Some(unknown) = self.entries.iter().find(|e| !asked.contains(&e.key.as_str())) else { return Ok(()) };
+        let Some(unknown) = self.entries.iter().find(|e| !asked.contains(&e.key.as_str())) else {
+            return Ok(());
+        };
         let mut near = near(&unknown.key, asked.iter().copied());
         if near.is_empty() {
             near = asked.iter().map(|k| (*k).to_owned()).collect();
@@ -125,9 +128,11 @@ impl<'a> Entry<'a> {
 
     pub(crate) fn number(&self) -> Result<f64, ModelError> {
         let parsed = match self.value {
-            DeValue::Integer(n) => n.as_str().parse().ok().or_else(|| {
-                i64::from_str_radix(n.as_str(), n.radix()).ok().map(|n| n as f64)
-            }),
+            DeValue::Integer(n) => n
+                .as_str()
+                .parse()
+                .ok()
+                .or_else(|| i64::from_str_radix(n.as_str(), n.radix()).ok().map(|n| n as f64)),
             DeValue::Float(n) => n.as_str().parse::<f64>().ok(),
             _ => return self.kind("a number"),
         };

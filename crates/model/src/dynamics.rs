@@ -135,8 +135,13 @@ impl Evaluation<'_> {
     }
 
     fn slopes<'a>(&'a self, from: usize, places: &'a [(usize, usize)]) -> impl Iterator<Item = Slope> + 'a {
-        let value = move |k: usize| self.dynamics.linear.output(self.dynamics.states + from + k, &self.linear);
-        places.iter().enumerate().map(move |(k, (row, column))| Slope { row: *row, column: *column, value: value(k) })
+        let value =
+            move |k: usize| self.dynamics.linear.output(self.dynamics.states + from + k, &self.linear);
+        places.iter().enumerate().map(move |(k, (row, column))| Slope {
+            row: *row,
+            column: *column,
+            value: value(k),
+        })
     }
 
     /// Derivatives of the rates by the states, those that are zero for every state left out.

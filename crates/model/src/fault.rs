@@ -112,7 +112,9 @@ pub enum Fault {
     #[error("the expression ends here: a name, a number or a `)` is missing")]
     Ends,
     /// An expression that is nested too deeply.
-    #[error("more than {0} parentheses or definitions within each other: split the expression into definitions")]
+    #[error(
+        "more than {0} parentheses or definitions within each other: split the expression into definitions"
+    )]
     TooDeep(usize),
     /// An expression that is too long.
     #[error("more than {0} parts in one expression: split it into definitions")]
@@ -167,7 +169,9 @@ pub enum Fault {
         found: String,
     },
     /// A parameter without effect.
-    #[error("the parameter `{0}` appears in no force, moment, state, output or other parameter: use it or remove it")]
+    #[error(
+        "the parameter `{0}` appears in no force, moment, state, output or other parameter: use it or remove it"
+    )]
     Unused(String),
     /// Too much of something.
     #[error("{found} {what}, but at most {most} are read")]
@@ -186,7 +190,9 @@ pub enum Fault {
     #[error("table `{0}` needs as many y as x, at least two, finite, x increasing")]
     Table(String),
     /// A model that has no value at its start.
-    #[error("{what} is {value} at the start (trim inputs, zero velocity and rates): change values or the expression")]
+    #[error(
+        "{what} is {value} at the start (trim inputs, zero velocity and rates): change values or the expression"
+    )]
     NotFinite {
         /// What has no value.
         what: String,

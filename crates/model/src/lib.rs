@@ -14,6 +14,7 @@ mod model;
 mod program;
 mod read;
 mod rigid_body;
+mod shelf;
 mod syntax;
 mod unit;
 
@@ -21,4 +22,5 @@ pub use dynamics::{Dynamics, Evaluation, Slope};
 pub use fault::{Fault, ModelError};
 pub use model::{Axis, Body, Derived, Equation, Freedom, FurtherState, Input, Model, Parameter, Sensor};
 pub use rigid_body::{BODY_PARAMETERS, RIGID_STATES};
+pub use shelf::SHELF;
 pub use unit::Unit;

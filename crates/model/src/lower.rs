@@ -132,14 +132,22 @@ impl<'a> Lower<'a> {
         Ok(())
     }
 
-    fn name(&mut self, name: &str, at: usize, kind: &'static str, meaning: Meaning) -> Result<(), ModelError> {
+    fn name(
+        &mut self,
+        name: &str,
+        at: usize,
+        kind: &'static str,
+        meaning: Meaning,
+    ) -> Result<(), ModelError> {
         let mut letters = name.chars();
         let begins = letters.next().is_some_and(|c| c.is_alphabetic() || c == '_');
         if !begins || !letters.all(|c| c.is_alphanumeric() || c == '_') {
             let shown = name.chars().take(40).collect();
             return self.source.fault(at, Fault::BadName(shown));
         }
-        if let Some(what) = self.kinds.get(name).copied().or_else(|| call::is_function(name).then_some("a function")) {
+        if let Some(what) =
+            self.kinds.get(name).copied().or_else(|| call::is_function(name).then_some("a function"))
+        {
             let (name, what) = (name.to_owned(), what.to_owned());
             return self.source.fault(at, Fault::Taken { name, what });
         }
@@ -168,13 +176,7 @@ impl<'a> Lower<'a> {
     }
 
     /// Refuses a unit that is known and another than wanted.
-    fn require(
-        &self,
-        what: &str,
-        wanted: Dimension,
-        found: Dimension,
-        at: usize,
-    ) -> Result<(), ModelError> {
+    fn require(&self, what: &str, wanted: Dimension, found: Dimension, at: usize) -> Result<(), ModelError> {
         match (wanted, found) {
             (Dimension::Known(wanted), Dimension::Known(found)) if wanted != found => {
                 let what = what.to_owned();

@@ -63,6 +63,8 @@ pub struct Parameter {
 pub struct FurtherState {
     /// Name.
     pub name: String,
+    /// Name of its column in tables: the name and the unit.
+    pub column: String,
     /// Unit.
     pub unit: Option<Unit>,
     /// Standard deviation of its initial value at the beginning of a flight; 0 where it is known.
@@ -123,8 +125,12 @@ pub struct Equation {
 ///
 /// States are those of the rigid body ([`RIGID_STATES`]) and further ones; parameters are
 /// [`crate::BODY_PARAMETERS`] and those of the file.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Model {
+    /// Name of its file.
+    pub file: String,
+    /// Text of its file.
+    pub definition: String,
     /// Name.
     pub name: String,
     /// Where the equations come from.
@@ -145,6 +151,13 @@ pub struct Model {
     pub equations: Vec<Equation>,
     pub(crate) graph: Graph,
     pub(crate) nodes: Nodes,
+}
+
+impl PartialEq for Model {
+    /// Models are equal if their texts are.
+    fn eq(&self, other: &Self) -> bool {
+        self.definition == other.definition
+    }
 }
 
 /// Where the expressions of a model are in its graph.

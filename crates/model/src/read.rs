@@ -113,6 +113,8 @@ impl<'a> Reading<'a> {
         let source = origin.unwrap_or_default();
         let text = text.unwrap_or_default();
         let model = Model {
+            file: self.lower.source.file.to_owned(),
+            definition: self.lower.source.text.to_owned(),
             name,
             source,
             text,
@@ -199,7 +201,9 @@ impl<'a> Reading<'a> {
         });
         let Some(variable) = wrong else { return Ok(node) };
         let name = self.declared.name_of(variable);
-        self.lower.source.fault(text.at, Fault::NotHere { name, place: what.to_owned(), allows: allowed.words })
+        self.lower
+            .source
+            .fault(text.at, Fault::NotHere { name, place: what.to_owned(), allows: allowed.words })
     }
 
     fn values(&mut self) -> Result<(), ModelError> {
@@ -298,4 +302,3 @@ impl<'a> Reading<'a> {
         Ok(Equation { name, measured: axis, regressors: names, fixed, where_excited })
     }
 }
-

@@ -9,8 +9,7 @@ pub const RIGID_STATES: usize = 13;
 
 /// Parameters that every model has, in this order before its own: mass, moments and products of inertia,
 /// gravity, density of the air.
-pub const BODY_PARAMETERS: [&str; 9] =
-    ["mass", "I_xx", "I_yy", "I_zz", "I_xy", "I_xz", "I_yz", "g", "rho"];
+pub const BODY_PARAMETERS: [&str; 9] = ["mass", "I_xx", "I_yy", "I_zz", "I_xy", "I_xz", "I_yz", "g", "rho"];
 
 /// The unit of one of [`BODY_PARAMETERS`].
 pub(crate) fn unit_of(body_parameter: usize) -> Unit {
@@ -141,22 +140,17 @@ impl RigidBody {
         let (half, one) = (graph.constant(0.5), graph.constant(1.0));
         let short = graph.subtract(one, self.square);
         let [minus_p, minus_q, minus_r] = [p, q, r].map(|rate| graph.negate(rate));
-        [
-            [minus_p, minus_q, minus_r],
-            [p, r, minus_q],
-            [q, minus_r, p],
-            [r, q, minus_p],
-        ]
-        .into_iter()
-        .zip([[x, y, z], [w, y, z], [w, x, z], [w, x, y]])
-        .zip(self.quaternion)
-        .map(|((rates, parts), own)| {
-            let turned = dot(graph, &rates, &parts);
-            let drawn = graph.multiply(short, own);
-            let sum = graph.add(turned, drawn);
-            graph.multiply(half, sum)
-        })
-        .collect()
+        [[minus_p, minus_q, minus_r], [p, r, minus_q], [q, minus_r, p], [r, q, minus_p]]
+            .into_iter()
+            .zip([[x, y, z], [w, y, z], [w, x, z], [w, x, y]])
+            .zip(self.quaternion)
+            .map(|((rates, parts), own)| {
+                let turned = dot(graph, &rates, &parts);
+                let drawn = graph.multiply(short, own);
+                let sum = graph.add(turned, drawn);
+                graph.multiply(half, sum)
+            })
+            .collect()
     }
 
     /// I⁻¹ (M - ω × I ω) by cofactors.

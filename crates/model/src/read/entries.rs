@@ -148,7 +148,8 @@ fn parameter(
     of_body: bool,
 ) -> Result<Item<Parameter>, ModelError> {
     let section = entry.section(format!("parameter {}", entry.key))?;
-    let own = BODY_PARAMETERS.iter().position(|name| *name == entry.key).map(|k| body_parameter(&entry.key, k));
+    let own =
+        BODY_PARAMETERS.iter().position(|name| *name == entry.key).map(|k| body_parameter(&entry.key, k));
     let item = Parameter {
         name: entry.key.clone(),
         label: section.string("label")?.unwrap_or_else(|| entry.key.clone()),
@@ -209,8 +210,13 @@ fn freedom(entry: &Entry<'_>, inputs: &[Item<Input>], lower: &Lower<'_>) -> Resu
 fn state(entry: &Entry<'_>, lower: &Lower<'_>) -> Result<Item<FurtherState>, ModelError> {
     let section = entry.section(format!("state {}", entry.key))?;
     let std = section.number("initial_std")?.unwrap_or(0.0);
+    let unit_text = section.string("unit")?.unwrap_or_default();
+    let unit_text = unit_text.replace('^', "");
+    let words = unit_text.split(|c: char| !c.is_alphanumeric()).filter(|w| !matches!(*w, "" | "1"));
+    let words: Vec<&str> = words.collect();
     let item = FurtherState {
         name: entry.key.clone(),
+        column: [&[entry.key.as_str()], words.as_slice()].concat().join("_"),
         unit: section.unit()?,
         initial_std: std,
         size: positive(&section, "size", lower)?.unwrap_or(1.0),

@@ -1,13 +1,24 @@
-//! The equations of motion in dimensionless coefficients, with exact derivatives: what an output-error fit
-//! integrates.
+//! The coaxial helicopter's equations of motion written by hand, with exact derivatives: a check of the model
+//! file and of its derivatives.
+
+#![allow(dead_code, missing_docs, unreachable_pub)]
 
 mod linearise;
 
 pub use linearise::Linearisation;
 
-use crate::{FlightError, HelicopterInput, Vehicle, force_per_speed2, hover_rotor_speed_rad_s};
+use mavsight_flight::Vehicle;
 use mavsight_geometry::Vector3;
 use nalgebra::Quaternion;
+
+/// The inputs of the coaxial helicopter at one instant.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HelicopterInput {
+    pub omega_u_rad_s: f64,
+    pub omega_l_rad_s: f64,
+    pub delta_lon_rad: f64,
+    pub delta_lat_rad: f64,
+}
 
 /// States: position in the world (3), level_from_body as w, x, y, z (4), velocity in body axes (3), rates
 /// (3), and the flapping angles alpha_l, beta_l, alpha_f, beta_f.
@@ -149,25 +160,20 @@ struct Effect {
 }
 
 impl Airframe {
-    /// The airframe of a vehicle, with the rotor speed of its hover as the reference.
-    ///
-    /// # Errors
-    /// A vehicle that is not valid ([`Vehicle::validate`]).
-    pub fn of_vehicle(vehicle: &Vehicle) -> Result<Self, FlightError> {
-        vehicle.validate()?;
-        Ok(Self {
+    /// The airframe of a coaxial helicopter, with the rotor speed of its hover as the reference.
+    pub fn of_vehicle(vehicle: &Vehicle) -> Self {
+        let [radius_m, upper, lower] = ["R", "C_Tu", "C_Tl"].map(|name| vehicle.parameters[name]);
+        let environment = &vehicle.environment;
+        let force_per_speed2 = 0.5 * environment.air_density_kg_m3 * std::f64::consts::PI * radius_m.powi(4);
+        let weight_n = vehicle.mass_kg * environment.gravity_m_s2;
+        Self {
             mass_kg: vehicle.mass_kg,
             inertia_kg_m2: Vector3::from(vehicle.inertia_kg_m2),
-            radius_m: vehicle.rotor.radius_m,
-            gravity_m_s2: vehicle.environment.gravity_m_s2,
-            force_per_speed2: force_per_speed2(vehicle),
-            reference_speed_rad_s: hover_rotor_speed_rad_s(vehicle),
-        })
-    }
-
-    /// The speed at which coefficients that belong to no rotor are made dimensionless.
-    pub fn reference_speed_rad_s(&self) -> f64 {
-        self.reference_speed_rad_s
+            radius_m,
+            gravity_m_s2: environment.gravity_m_s2,
+            force_per_speed2,
+            reference_speed_rad_s: (weight_n / (2.0 * (upper + lower) * force_per_speed2)).sqrt(),
+        }
     }
 
     /// Accelerations by all forces and moments; the upper disc is K_u times the fly-bar.
@@ -261,5 +267,4 @@ impl Airframe {
     }
 }
 
-#[cfg(test)]
 mod tests;

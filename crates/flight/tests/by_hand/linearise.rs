@@ -1,7 +1,7 @@
 //! Exact derivatives of the equations of motion with respect to state and coefficients.
 
+use super::HelicopterInput;
 use super::{Airframe, COEFFICIENTS, Coefficient as C, Coefficients, Effect, FLIGHT_STATES, StateVector};
-use crate::HelicopterInput;
 use mavsight_geometry::{Matrix3, Vector3};
 use nalgebra::{Matrix3x4, SMatrix, Vector4};
 

@@ -1,19 +1,6 @@
-//! Flapping of the lower rotor and of the fly-bar, longitudinal and lateral.
+//! Responses of first order to a signal, such as a disc's to a rate or a rotor's to a command.
 
-use crate::{FlightError, HelicopterInput, Rotor};
-
-/// Flapping angles of the lower rotor (l) and of the fly-bar (f).
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct FlapState {
-    /// Lower rotor, longitudinal; positive tips it back.
-    pub alpha_l_rad: f64,
-    /// Lower rotor, lateral; positive tips it right.
-    pub beta_l_rad: f64,
-    /// Fly-bar, longitudinal.
-    pub alpha_f_rad: f64,
-    /// Fly-bar, lateral.
-    pub beta_f_rad: f64,
-}
+use crate::FlightError;
 
 /// The response of x' = -x/τ + f(t) from x(0) = `start`, exact for an f that is a straight line between its
 /// samples ([`Between::Line`]) or holds until the next ([`Between::Hold`]).
@@ -53,24 +40,7 @@ pub enum Between {
     Hold,
 }
 
-/// The part of the lower rotor's flapping that the swash-plate drives, on the inputs' own times, which must increase, from rest:
-/// (longitudinal, lateral), rad.
-pub fn lower_from_swashplate(inputs: &[HelicopterInput], rotor: &Rotor) -> (Vec<f64>, Vec<f64>) {
-    let times_s: Vec<f64> = inputs.iter().map(|s| s.t_s).collect();
-    let gain = rotor.swashplate_gain / rotor.flap_time_lower_s;
-    let respond = |delta: Vec<f64>| {
-        let start = rotor.swashplate_gain * delta.first().copied().unwrap_or(0.0);
-        let forcing: Vec<f64> = delta.iter().map(|d| gain * d).collect();
-        first_order_response(&times_s, &forcing, Between::Hold, rotor.flap_time_lower_s, start)
-    };
-    (
-        respond(inputs.iter().map(|s| s.delta_lon_rad).collect()),
-        respond(inputs.iter().map(|s| s.delta_lat_rad).collect()),
-    )
-}
-
-/// The part of a rotor's flapping that a body rate drives, from rest: the response to -rate with the rotor's
-/// time constant, exact for a rate that is the cubic between samples that its values and accelerations
+/// The response of a rotor's disc to a body rate, from rest: x' = -x/τ - rate, exact for a rate that is the cubic between samples that its values and accelerations
 /// determine.
 ///
 /// Straight lines between frames of 1/30 s would miss h²/12 of the acceleration, which biases the
@@ -125,7 +95,6 @@ pub fn interpolate(times_s: &[f64], values: &[f64], t_s: f64) -> Result<f64, Fli
 #[cfg(test)]
 mod tests {
     use super::*;
-    use approx::assert_relative_eq;
     use proptest::prelude::*;
 
     proptest! {
@@ -155,20 +124,5 @@ mod tests {
                 assert!((x - closed).abs() < 2e-5, "{tau} {t}: {x} is not {closed}");
             }
         }
-    }
-
-    #[test]
-    fn lower_rotor_reaches_the_linkage_ratio_of_a_held_swashplate() {
-        let rotor = crate::Vehicle::paper().rotor;
-        let samples: Vec<HelicopterInput> = (0..200)
-            .map(|k| HelicopterInput {
-                t_s: 0.01 * f64::from(k),
-                delta_lon_rad: if k > 50 { 0.1 } else { 0.0 },
-                ..Default::default()
-            })
-            .collect();
-        let (lon, lat) = lower_from_swashplate(&samples, &rotor);
-        assert_relative_eq!(lon[199], rotor.swashplate_gain * 0.1, epsilon = 1e-9);
-        assert!(lat.iter().all(|b| *b == 0.0));
     }
 }
