@@ -250,4 +250,46 @@ impl Model {
             slopes.iter().map(|nodes| Program::new(&graph, nodes).values(values, &[])).collect();
         own.into_iter().enumerate().map(|(k, value)| (value, slopes.iter().map(|s| s[k]).collect())).collect()
     }
+
+    /// For each coefficient of an equation that a parameter of the equations of motion is named like
+    /// (`equation,regressor`): that name, and the coefficient over the parameter, over some rows of the inputs.
+    ///
+    /// A coefficient is made dimensionless by the equation's scale, the parameter by whatever stands by it in
+    /// the forces: for the same force their ratio is that of the means of both.
+    pub fn equation_over_motion<'a>(
+        &self,
+        values: &[f64],
+        rows: impl Iterator<Item = &'a [f64]> + Clone,
+    ) -> Vec<(String, f64)> {
+        let mut out = Vec::new();
+        let state: Vec<f64> =
+            (0..self.state_count()).map(|k| if matches!(k, 0..=2 | 4..=6) { 0.0 } else { 1.0 }).collect();
+        for (e, equation) in self.equations.iter().enumerate() {
+            for (r, regressor) in equation.regressors.iter().enumerate() {
+                let label = format!("{},{regressor}", equation.name);
+                let Some(k) = self.parameters.iter().position(|p| p.label == label) else { continue };
+                let load = match equation.measured {
+                    Axis::Force(axis) => self.nodes.loads[axis],
+                    Axis::Moment(axis) => self.nodes.loads[3 + axis],
+                };
+                let mut graph = self.graph.clone();
+                let slope = graph.derivatives(&[load], Variable::Parameter(k))[0];
+                let nodes = [slope, self.nodes.regressors[e][r], self.nodes.scales[e]];
+                let program = Program::new(&graph, &nodes);
+                let mut registers = program.with_parameters(values);
+                let (mut by, mut scale) = (0.0, 0.0);
+                for row in rows.clone() {
+                    program.set_inputs(row, &mut registers);
+                    program.set_state(&state, &mut registers);
+                    by += program.output(0, &registers) / program.output(1, &registers);
+                    scale += program.output(2, &registers);
+                }
+                let ratio = by / scale;
+                if ratio.is_finite() && ratio != 0.0 {
+                    out.push((label, ratio));
+                }
+            }
+        }
+        out
+    }
 }
