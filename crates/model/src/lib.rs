@@ -7,6 +7,7 @@
 
 mod document;
 mod dynamics;
+mod fastest;
 mod fault;
 mod graph;
 mod lower;
@@ -14,11 +15,14 @@ mod model;
 mod program;
 mod read;
 mod rigid_body;
+mod start;
 mod syntax;
 mod unit;
 
 pub use dynamics::{Dynamics, Evaluation, Slope};
+pub use fastest::Fastest;
 pub use fault::{Fault, ModelError};
 pub use model::{Axis, Body, Derived, Equation, Freedom, FurtherState, Input, Model, Parameter, Sensor};
 pub use rigid_body::{BODY_PARAMETERS, RIGID_STATES};
+pub use start::Start;
 pub use unit::Unit;

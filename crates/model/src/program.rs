@@ -78,7 +78,8 @@ fn level_of(variable: Variable) -> Level {
 impl Program {
     pub(crate) fn new(graph: &Graph, outputs: &[Node]) -> Self {
         let reached = graph.reached(outputs);
-        let used: Vec<Node> = (0..graph.len()).map(|k| graph.node(k)).filter(|n| reached[n.index()]).collect();
+        let used: Vec<Node> =
+            (0..graph.len()).map(|k| graph.node(k)).filter(|n| reached[n.index()]).collect();
         let mut levels = vec![Level::Parameters; graph.len()];
         for node in &used {
             levels[node.index()] = match graph.operation(*node) {
@@ -86,7 +87,8 @@ impl Program {
                 other => other.operands().map(|a| levels[a.index()]).max().unwrap_or(Level::Parameters),
             };
         }
-        let is_given = |n: &Node| matches!(graph.operation(*n), Operation::Constant(_) | Operation::Variable(_));
+        let is_given =
+            |n: &Node| matches!(graph.operation(*n), Operation::Constant(_) | Operation::Variable(_));
         let (mut order, computed): (Vec<Node>, Vec<Node>) = used.into_iter().partition(is_given);
         let given = order.len();
         let runs = [Level::Parameters, Level::Inputs, Level::State].map(|level| {
