@@ -1,9 +1,12 @@
 //! A flight model: what a file says, checked.
 
+use crate::fault::{Fault, ModelError};
 use crate::graph::{Graph, Node, Variable};
 use crate::program::Program;
 use crate::rigid_body::RIGID_STATES;
 use crate::unit::Unit;
+use std::collections::HashMap;
+use std::sync::Arc;
 
 /// An input of the aircraft.
 #[derive(Debug, Clone, PartialEq)]
@@ -151,6 +154,36 @@ pub struct Model {
     pub equations: Vec<Equation>,
     pub(crate) graph: Graph,
     pub(crate) nodes: Nodes,
+    pub(crate) origin: Origin,
+}
+
+/// The file that a model is from, for faults that show only with the values of an aircraft.
+#[derive(Debug, Clone)]
+pub(crate) struct Origin {
+    file: Arc<str>,
+    text: Arc<str>,
+}
+
+impl Origin {
+    pub(crate) fn new(file: &str, text: &str) -> Self {
+        Self { file: file.into(), text: text.into() }
+    }
+
+    pub(crate) fn fault<T>(&self, at: usize, fault: Fault) -> Result<T, ModelError> {
+        Err(ModelError::at(&self.file, &self.text, at, fault))
+    }
+}
+
+/// Where expressions are in the file, in bytes.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Places {
+    /// Of those components of force and moment that the file gives, by their names.
+    pub(crate) loads: HashMap<String, usize>,
+    /// Of the derivatives of further states.
+    pub(crate) states: Vec<usize>,
+    pub(crate) initial: Vec<usize>,
+    pub(crate) inputs: Vec<usize>,
+    pub(crate) parameters: Vec<usize>,
 }
 
 impl PartialEq for Model {
@@ -177,6 +210,7 @@ pub(crate) struct Nodes {
     pub(crate) sensors: Vec<Node>,
     pub(crate) scales: Vec<Node>,
     pub(crate) regressors: Vec<Vec<Node>>,
+    pub(crate) places: Places,
 }
 
 /// Mass, inertia and surroundings of an aircraft, in SI units.
