@@ -158,7 +158,7 @@ pub struct Model {
 }
 
 /// The file that a model is from, for faults that show only with the values of an aircraft.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub(crate) struct Origin {
     file: Arc<str>,
     text: Arc<str>,
