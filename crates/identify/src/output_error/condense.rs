@@ -13,6 +13,7 @@ pub(crate) struct Condensed {
     quadratic: DMatrix<f64>,
     /// Start of each segment by the variables of the quadratic.
     pub(crate) starts: Vec<DMatrix<f64>>,
+    tangent: usize,
 }
 
 /// Tightness of the gaps between segments ([`gap_information`]), and damping of the start and parameters
@@ -62,7 +63,7 @@ impl Condensed {
             let end = carried(&segment.next, &starts[starts.len() - 1]);
             starts.push(&end - carried(gain, &end));
         }
-        Ok(Self { quadratic: q, starts })
+        Ok(Self { quadratic: q, starts, tangent })
     }
 
     pub(crate) fn information(&self) -> DMatrix<f64> {
@@ -70,15 +71,29 @@ impl Condensed {
         self.quadratic.view((0, 0), (n, n)).into_owned()
     }
 
-    /// The step of [start, parameters, nuisances, -1] to the minimum, and the squares that remain there.
-    pub(crate) fn minimum(&self) -> Option<(DVector<f64>, f64)> {
+    /// The step of [start, parameters, nuisances, -1] to the minimum, and the squares that remain there, where
+    /// the steps of some parameters (by their places) are given.
+    pub(crate) fn minimum(&self, given: &[(usize, f64)]) -> Option<(DVector<f64>, f64)> {
         let n = self.quadratic.ncols() - 1;
-        let b = self.quadratic.view((0, n), (n, 1)).column(0).into_owned();
-        let a = self.information();
+        let mut a = self.information();
+        let mut b = self.quadratic.view((0, n), (n, 1)).column(0).into_owned();
+        let (all, right) = (a.clone(), b.clone());
+        for (place, step) in given {
+            let row = self.tangent + place;
+            b -= a.column(row) * *step;
+            a.row_mut(row).fill(0.0);
+            a.column_mut(row).fill(0.0);
+            a[(row, row)] = 1.0;
+            b[row] = *step;
+        }
         let scale = a.diagonal().map(|d| 1.0 / d.max(f64::MIN_POSITIVE).sqrt());
         let scaled = a.component_mul(&(&scale * scale.transpose())) + DMatrix::identity(n, n) * RIDGE;
         let step = scaled.cholesky()?.solve(&b.component_mul(&scale)).component_mul(&scale);
-        let left = self.quadratic[(n, n)] - b.dot(&step);
+        let left = if given.is_empty() {
+            self.quadratic[(n, n)] - b.dot(&step)
+        } else {
+            self.quadratic[(n, n)] - 2.0 * right.dot(&step) + step.dot(&(all * &step))
+        };
         step.iter().all(|v| v.is_finite()).then(|| (step.push(-1.0), left))
     }
 }

@@ -182,11 +182,13 @@ impl<'a> Fitter<'a> {
             let negligible = tried.is_some() && self.promise < enough(merit);
             if negligible && watched.is_none() {
                 // A damped step may promise little far from the minimum.
+                let damped = self.promise;
                 let whole = damping == 0.0 || self.step(tightness, 0.0).is_some();
                 if whole && self.promise < enough(merit) {
                     self.converged = true;
                     break;
                 }
+                self.promise = damped;
             }
             let tried = tried
                 .filter(|point| point.model.is_physical())
@@ -224,11 +226,23 @@ impl<'a> Fitter<'a> {
     }
 
     /// The point after a step; `promise` becomes the predicted decrease of the squares.
+    ///
+    /// A parameter that would leave its bounds goes to its bound, and the others to where the squares are then
+    /// least (an active set; Nocedal & Wright 2006, section 16.5).
     fn step(&mut self, tightness: f64, damping: f64) -> Option<Point> {
         let condensed = self.condensed(tightness, damping).ok()?;
-        let (step, left) = condensed.minimum()?;
-        self.promise = self.at.merit(tightness) - left;
-        Some(self.point.moved(&step, &condensed.starts))
+        let mut at_bound: Vec<(usize, f64)> = Vec::new();
+        loop {
+            let (step, left) = condensed.minimum(&at_bound)?;
+            let beyond = self.point.beyond_bounds(&step, self.at.tangent);
+            let more: Vec<(usize, f64)> =
+                beyond.into_iter().filter(|(k, _)| at_bound.iter().all(|(own, _)| own != k)).collect();
+            if more.is_empty() {
+                self.promise = self.at.merit(tightness) - left;
+                return Some(self.point.moved(&step, &condensed.starts));
+            }
+            at_bound.extend(more);
+        }
     }
 }
 

@@ -167,17 +167,30 @@ impl FlightModel {
         }
     }
 
-    /// Moves a parameter by a step of the fit. One that must be above zero moves by its logarithm, at most by
-    /// a factor of two, so that no step makes it negative.
+    /// Moves a parameter by a step of the fit, up to its bounds. One that must be above zero moves by its
+    /// logarithm, at most by a factor of two.
     pub(crate) fn shift(&mut self, parameter: ModelParameter, step: f64) {
         let value = self.value(parameter);
         let to = match parameter {
-            ModelParameter::Parameter(k) if self.model.parameters[k].min > 0.0 => {
-                value * (step / value).exp().clamp(0.5, 2.0)
+            ModelParameter::Parameter(k) => {
+                let p = &self.model.parameters[k];
+                let to =
+                    if p.min > 0.0 { value * (step / value).exp().clamp(0.5, 2.0) } else { value + step };
+                to.clamp(p.min, p.max)
             }
-            _ => value + step,
+            ModelParameter::InputLag => value + step,
         };
         self.set(parameter, to);
+    }
+
+    /// The step that takes a parameter to its bound, where one would take it beyond.
+    pub(crate) fn step_to_bound(&self, parameter: ModelParameter, step: f64) -> Option<f64> {
+        let ModelParameter::Parameter(k) = parameter else { return None };
+        let (value, p) = (self.values[k], &self.model.parameters[k]);
+        let to = if p.min > 0.0 { value * (step / value).exp().clamp(0.5, 2.0) } else { value + step };
+        let bound = to.clamp(p.min, p.max);
+        let back = if p.min > 0.0 { value * (bound / value).ln() } else { bound - value };
+        (to != bound).then_some(back)
     }
 
     fn is_within_bounds(&self, parameter: ModelParameter) -> bool {

@@ -35,6 +35,14 @@ impl Point {
     }
 }
 
+impl Point {
+    /// Free parameters that a step would take beyond their bounds, by their places, and the steps to the bound.
+    pub(crate) fn beyond_bounds(&self, step: &DVector<f64>, tangent: usize) -> Vec<(usize, f64)> {
+        let free = self.model.free().iter().enumerate();
+        free.filter_map(|(k, p)| Some((k, self.model.step_to_bound(*p, step[tangent + k])?))).collect()
+    }
+}
+
 /// What a fit keeps fixed while a point varies.
 pub(crate) struct Shooting<'a> {
     /// Of the columns that the model reads.
