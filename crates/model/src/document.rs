@@ -144,8 +144,20 @@ impl<'a> Section<'a> {
 
 impl<'a> Entry<'a> {
     fn kind<T>(&self, wanted: &'static str) -> Result<T, ModelError> {
-        let (key, found) = (shown(&self.key), self.value.type_str().to_owned());
+        let (key, found) = (shown(&self.key), self.kind_in_words().to_owned());
         self.source.fault(self.at, Fault::Kind { key, wanted, found })
+    }
+
+    /// What kind of value it is.
+    pub(crate) fn kind_in_words(&self) -> &'static str {
+        match self.value {
+            DeValue::String(_) => "text",
+            DeValue::Integer(_) | DeValue::Float(_) => "a number",
+            DeValue::Boolean(_) => "true or false",
+            DeValue::Datetime(_) => "a date",
+            DeValue::Array(_) => "a list",
+            DeValue::Table(_) => "a table",
+        }
     }
 
     pub(crate) fn string(&self) -> Result<String, ModelError> {

@@ -57,7 +57,7 @@ pub enum Fault {
         key: &'static str,
     },
     /// A key that the format does not have.
-    #[error("`{name}` is no key of {section}{}", nearest(.near, "keys are"))]
+    #[error("`{name}` is no key of {section}{}", keys(.near))]
     UnknownKey {
         /// Key.
         name: String,
@@ -124,7 +124,7 @@ pub enum Fault {
     #[error("more than {0} parts in one expression: split it into definitions")]
     TooLong(usize),
     /// A name that is not defined.
-    #[error("`{name}` is not defined{}", nearest(.near, "did you mean"))]
+    #[error("`{name}` is not defined{}", nearest(.near, ": give it under [parameters], [inputs] or [definitions]"))]
     UnknownName {
         /// The name.
         name: String,
@@ -132,7 +132,7 @@ pub enum Fault {
         near: Vec<String>,
     },
     /// A function that there is not.
-    #[error("there is no function `{name}`{}", nearest(.near, "did you mean"))]
+    #[error("there is no function `{name}`{}", nearest(.near, ": a table would be one, see [[table]]"))]
     UnknownFunction {
         /// The name.
         name: String,
@@ -237,6 +237,7 @@ fn operator_missing(found: &str) -> &'static str {
         "=" | "<" | ">" | "!" | "&" | "|" | "?" => {
             ": there are no comparisons; use min, max, clamp or a table"
         }
+        ")" => ": a value, or the `(` of this, is missing before it",
         "[" | "]" | "{" | "}" => ": use round parentheses",
         f if f.starts_with(|c: char| c.is_alphanumeric() || "_.(".contains(c)) => {
             ": an operator or a comma is missing before it"
@@ -268,17 +269,24 @@ fn call(name: &str, wanted: usize) -> String {
     format!("{name}({})", named[..wanted.min(named.len())].join(", "))
 }
 
-fn nearest(near: &[String], lead: &str) -> String {
-    if near.is_empty() { String::new() } else { format!("; {lead} {}", near.join(", ")) }
+fn nearest(near: &[String], none: &str) -> String {
+    if near.is_empty() { none.to_owned() } else { format!(": did you mean {}?", near.join(", ")) }
 }
+
+/// Near ones, or all.
+fn keys(near: &[String]) -> String {
+    if near.len() > NEAREST { format!("; keys are {}", near.join(", ")) } else { nearest(near, "") }
+}
+
+/// Names that a message proposes, at most.
+const NEAREST: usize = 3;
 
 /// The names nearest to one, best first: those that differ in at most a third of their letters.
 pub(crate) fn near<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Vec<String> {
-    const MOST: usize = 3;
     let short: String = name.chars().take(60).collect();
     let mut near: Vec<(usize, &str)> = known.map(|k| (strsim::osa_distance(&short, k), k)).collect();
     near.retain(|(distance, k)| 3 * distance <= k.chars().count().max(short.chars().count()) + 2);
     near.sort();
     near.dedup();
-    near.into_iter().take(MOST).map(|(_, name)| name.to_owned()).collect()
+    near.into_iter().take(NEAREST).map(|(_, name)| name.to_owned()).collect()
 }

@@ -61,11 +61,18 @@ impl Model {
         }
         let document = DeTable::parse(text).or_else(|error| {
             let at = error.span().map_or(0, |span| span.start);
-            let words = error.message().lines().next().unwrap_or("this is no TOML").to_owned();
+            let mut words = error.message().lines().next().unwrap_or("this is no TOML").to_owned();
+            if let Some(key) =
+                error.span().and_then(|span| text.get(span)).filter(|_| words == "duplicate key")
+            {
+                words = format!("`{}` stands here for the second time: remove one of them", shown(key));
+            }
             source.fault(at, Fault::NotToml(words))
         })?;
         let root = Section::new("the file".to_owned(), 0, document.get_ref(), source);
-        let schema = root.require("schema")?;
+        let Some(schema) = root.get("schema") else {
+            return source.fault(0, Fault::Schema("missing".to_owned()));
+        };
         if schema.number()? != 2.0 {
             return source.fault(schema.at, Fault::Schema(schema.number()?.to_string()));
         }
@@ -326,7 +333,7 @@ impl<'a> Reading<'a> {
         };
         let what = format!("the scale of {name}");
         let scale = match section.expression("scale")? {
-            Some(text) => self.restricted(&what, &text, None, INPUTS)?,
+            Some(text) => self.lower.expression(&what, &text, None)?,
             None => self.lower.graph.constant(1.0),
         };
         let regressors = section.require("regressors")?;
@@ -342,7 +349,8 @@ impl<'a> Reading<'a> {
         if let Some(entry) = section.get("fixed") {
             for value in entry.section(format!("`fixed` of {name}"))?.entries() {
                 let Some(k) = names.iter().position(|n| *n == value.key) else {
-                    let (name, section) = (shown(&value.key), format!("`fixed` of {name}, as no regressor"));
+                    let (name, section) =
+                        (shown(&value.key), format!("`fixed` of {name}, which takes its regressors"));
                     return source.fault(value.key_at, Fault::UnknownKey { name, section, near: names });
                 };
                 fixed.push((k, value.number()?));

@@ -5,7 +5,7 @@ use crate::fault::{Fault, ModelError};
 use crate::graph::{Graph, Node, Variable};
 use crate::model::{Freedom, Model};
 use crate::program::Program;
-use crate::rigid_body::{BODY_PARAMETERS, RIGID_STATES};
+use crate::rigid_body::RIGID_STATES;
 
 const AT_REST: &str = "at the start (trim inputs, zero velocity and rates, level)";
 const IN_FLIGHT: &str = "at the start of the flight";
@@ -144,11 +144,7 @@ impl Model {
         }
         // The load is finite: what is left is the body's mass and inertia.
         for (k, rate) in evaluate(&self.graph, &self.nodes.rates[..RIGID_STATES]).into_iter().enumerate() {
-            let what = format!(
-                "the rate of change of {}, by {}",
-                self.state_name(k),
-                BODY_PARAMETERS[..7].join(", ")
-            );
+            let what = format!("the rate of change of {}, with this mass and inertia,", self.state_name(k));
             self.finite(what, rate, 0, words)?;
         }
         Ok(())

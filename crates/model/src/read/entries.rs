@@ -224,7 +224,7 @@ fn freedom(entry: &Entry<'_>, inputs: &[Item<Input>], lower: &Lower<'_>) -> Resu
         lower.source.fault(entry.at, Fault::Kind { key, wanted: WORDS, found })
     };
     if entry.value.as_table().is_none() {
-        return other(entry.value.type_str());
+        return other(entry.kind_in_words());
     }
     let section = entry.section("`free`".to_owned())?;
     let places = |key: &'static str| -> Result<Option<Vec<usize>>, ModelError> {
