@@ -175,6 +175,7 @@ pub(crate) struct Nodes {
     pub(crate) value_order: Vec<usize>,
     pub(crate) derived: Vec<Node>,
     pub(crate) sensors: Vec<Node>,
+    pub(crate) definitions: Vec<(String, Node)>,
     pub(crate) scales: Vec<Node>,
     pub(crate) regressors: Vec<Vec<Node>>,
 }

@@ -91,7 +91,7 @@ impl<'a> Reading<'a> {
     fn model(mut self, root: &Section<'a>) -> Result<Model, ModelError> {
         let name = root.require("name")?.string()?;
         let (origin, text) = (root.string("source")?, root.string("text")?);
-        let definitions = self.lower.finish_definitions()?;
+        self.nodes.definitions = self.lower.finish_definitions()?;
         let force = self.load(root, "forces", Unit::KILOGRAM.times(Unit::METRE))?;
         let moment = self.load(root, "moments", Unit::KILOGRAM.times(Unit::METRE.to_the(2.0)))?;
         if force.is_none() && moment.is_none() {
@@ -127,7 +127,7 @@ impl<'a> Reading<'a> {
             graph: self.lower.graph,
             nodes: self.nodes,
         };
-        check::every_parameter_is_used(&model, &self.declared.parameters, &definitions, self.lower.source)?;
+        check::every_parameter_is_used(&model, &self.declared.parameters, self.lower.source)?;
         Ok(model)
     }
 
@@ -255,7 +255,16 @@ impl<'a> Reading<'a> {
 
     fn equations(&mut self, root: &Section<'a>) -> Result<Vec<Equation>, ModelError> {
         let Some(entry) = root.get("equation") else { return Ok(Vec::new()) };
-        entry.sections("[[equation]]")?.iter().map(|section| self.equation(section)).collect()
+        let mut out: Vec<Equation> = Vec::new();
+        for section in entry.sections("[[equation]]")? {
+            let equation = self.equation(&section)?;
+            if out.iter().any(|other| other.name == equation.name) {
+                let what = "an equation".to_owned();
+                return self.lower.source.fault(section.at, Fault::Taken { name: equation.name, what });
+            }
+            out.push(equation);
+        }
+        Ok(out)
     }
 
     fn equation(&mut self, section: &Section<'a>) -> Result<Equation, ModelError> {
@@ -285,6 +294,10 @@ impl<'a> Reading<'a> {
         let names: Vec<String> = texts.iter().map(|t| t.text.trim().to_owned()).collect();
         let nodes: Result<Vec<Node>, ModelError> =
             texts.iter().map(|text| self.lower.expression("a regressor", text, None)).collect();
+        if let Some((k, twice)) = names.iter().enumerate().find(|(k, name)| names[..*k].contains(name)) {
+            let (name, what) = (twice.clone(), format!("a regressor of {name}"));
+            return source.fault(texts[k].at, Fault::Taken { name, what });
+        }
         let mut fixed = Vec::new();
         if let Some(entry) = section.get("fixed") {
             for value in entry.section(format!("`fixed` of {name}"))?.entries() {
@@ -295,7 +308,20 @@ impl<'a> Reading<'a> {
                 fixed.push((k, value.number()?));
             }
         }
-        let where_excited = section.string("when")?.is_some_and(|when| when == "excited");
+        if fixed.len() >= names.len() {
+            return source.fault(regressors.at, Fault::NothingFree(name));
+        }
+        let where_excited = match section.get("when") {
+            None => false,
+            Some(entry) => match entry.string()?.as_str() {
+                "excited" => true,
+                "always" => false,
+                _ => {
+                    let (key, wanted, found) = ("when".to_owned(), "always or excited", "another word");
+                    return source.fault(entry.at, Fault::Kind { key, wanted, found });
+                }
+            },
+        };
         section.finish()?;
         self.nodes.scales.push(scale);
         self.nodes.regressors.push(nodes?);
