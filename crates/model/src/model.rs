@@ -6,7 +6,7 @@ use crate::rigid_body::RIGID_STATES;
 use crate::unit::Unit;
 
 /// An input of the aircraft.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Input {
     /// Name in expressions.
     pub name: String,

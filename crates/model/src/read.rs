@@ -8,23 +8,28 @@ use crate::fault::{Fault, ModelError};
 use crate::graph::{Node, Variable};
 use crate::lower::Lower;
 use crate::model::{Axis, Equation, Model, Nodes};
-use crate::rigid_body::{BODY_PARAMETERS, Load, RigidBody, unit_of};
+use crate::rigid_body::{BODY_PARAMETERS, Load, RIGID_STATES, RigidBody, unit_of};
 use crate::unit::Unit;
 use entries::{Declared, declare};
 use toml::de::DeTable;
 
 /// Bytes of a file, at most.
 const LARGEST_FILE: usize = 1_000_000;
+/// Equations, and regressors of each, at most.
+const MOST_EQUATIONS: usize = 100;
 
 /// What an expression may use.
 #[derive(Debug, Clone, Copy)]
 struct Allowed {
     inputs: bool,
+    /// Those beyond the rigid body's.
     states: bool,
     words: &'static str,
 }
 
 const PARAMETERS: Allowed = Allowed { inputs: false, states: false, words: "may use parameters alone" };
+const DRIVEN: Allowed =
+    Allowed { inputs: true, states: true, words: "may use inputs, further states and parameters alone" };
 const INPUTS: Allowed = Allowed { inputs: true, states: false, words: "may use inputs and parameters alone" };
 
 impl Model {
@@ -195,7 +200,7 @@ impl<'a> Reading<'a> {
     ) -> Result<Node, ModelError> {
         let node = self.lower.expression(what, text, unit)?;
         let wrong = self.lower.graph.variables(&[node]).into_iter().find(|variable| match variable {
-            Variable::State(_) => !allowed.states,
+            Variable::State(k) => *k < RIGID_STATES || !allowed.states,
             Variable::Input(_) => !allowed.inputs,
             Variable::Parameter(_) => false,
         });
@@ -256,7 +261,9 @@ impl<'a> Reading<'a> {
     fn equations(&mut self, root: &Section<'a>) -> Result<Vec<Equation>, ModelError> {
         let Some(entry) = root.get("equation") else { return Ok(Vec::new()) };
         let mut out: Vec<Equation> = Vec::new();
-        for section in entry.sections("[[equation]]")? {
+        let sections = entry.sections("[[equation]]")?;
+        self.at_most(MOST_EQUATIONS, "equations", sections.len(), entry.at)?;
+        for section in sections {
             let equation = self.equation(&section)?;
             if out.iter().any(|other| other.name == equation.name) {
                 let what = "an equation".to_owned();
@@ -265,6 +272,10 @@ impl<'a> Reading<'a> {
             out.push(equation);
         }
         Ok(out)
+    }
+
+    fn at_most(&self, most: usize, what: &'static str, found: usize, at: usize) -> Result<(), ModelError> {
+        if found <= most { Ok(()) } else { self.lower.source.fault(at, Fault::TooMany { what, found, most }) }
     }
 
     fn equation(&mut self, section: &Section<'a>) -> Result<Equation, ModelError> {
@@ -286,11 +297,12 @@ impl<'a> Reading<'a> {
         };
         let what = format!("the scale of {name}");
         let scale = match section.expression("scale")? {
-            Some(text) => self.restricted(&what, &text, None, INPUTS)?,
+            Some(text) => self.restricted(&what, &text, None, DRIVEN)?,
             None => self.lower.graph.constant(1.0),
         };
         let regressors = section.require("regressors")?;
         let texts = regressors.expressions()?;
+        self.at_most(MOST_EQUATIONS, "regressors", texts.len(), regressors.at)?;
         let names: Vec<String> = texts.iter().map(|t| t.text.trim().to_owned()).collect();
         let nodes: Result<Vec<Node>, ModelError> =
             texts.iter().map(|text| self.lower.expression("a regressor", text, None)).collect();

@@ -221,6 +221,25 @@ pub struct Regression {
     pub equations: Vec<RegressionEquation>,
 }
 
+impl Regression {
+    /// The inputs that the equations need, in the model's order.
+    pub fn inputs(&self) -> Vec<usize> {
+        let of_states = self.states.iter().flat_map(|s| [&s.forcing, &s.initial]);
+        let of_equations = self.equations.iter().flat_map(|e| {
+            let regressors = e.regressors.iter().flat_map(|r| {
+                let motion = r.motion.iter().filter_map(|m| m.inputs.as_ref());
+                r.inputs.iter().chain(motion)
+            });
+            std::iter::once(&e.scale).chain(regressors)
+        });
+        let mut out: Vec<usize> =
+            of_states.chain(of_equations).flat_map(|signal| signal.inputs.iter().copied()).collect();
+        out.sort_unstable();
+        out.dedup();
+        out
+    }
+}
+
 impl Model {
     /// The model's equations for regression, with `values` for all parameters ([`Model::values`]).
     ///

@@ -107,9 +107,8 @@ impl Model {
         let motion = MOTION.iter().position(|known| place(known)).map(|k| Variable::State(7 + k));
         let state = self.states.iter().position(|s| place(&s.name));
         let input = self.inputs.iter().position(|i| place(&i.name));
-        let known = motion
-            .or(state.map(|k| Variable::State(RIGID_STATES + k)))
-            .or(input.map(Variable::Input));
+        let known =
+            motion.or(state.map(|k| Variable::State(RIGID_STATES + k))).or(input.map(Variable::Input));
         if let Some(variable) = known {
             return Some(self.graph.variable(variable));
         }
@@ -124,10 +123,9 @@ impl Model {
             self.inputs.push(Input {
                 name: name.to_owned(),
                 column: name.to_owned(),
-                unit: None,
                 min: f64::NEG_INFINITY,
                 max: f64::INFINITY,
-                text: String::new(),
+                ..Input::default()
             });
             let zero = self.graph.constant(0.0);
             self.nodes.trim.push(zero);

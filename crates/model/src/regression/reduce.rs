@@ -8,6 +8,8 @@ use crate::graph::{Graph, Node, Operation, Variable};
 use crate::model::Model;
 use crate::rigid_body::RIGID_STATES;
 
+/// Products within products, at most.
+const DEEPEST: usize = 200;
 const RATES: std::ops::Range<usize> = 10..13;
 const VELOCITY: std::ops::Range<usize> = 7..10;
 const NAMES: [&str; RIGID_STATES] = [
@@ -38,7 +40,7 @@ pub(super) struct Reduction<'a> {
     states: Vec<Reduced>,
     /// Those of the states that are of first order, each behind those that drive it.
     order: Vec<usize>,
-    /// What is missing of the inputs' part of a motion signal: states that are needed.
+    /// Which states the equations need.
     used: Vec<bool>,
 }
 
@@ -233,7 +235,7 @@ impl<'a> Reduction<'a> {
             }
         }
         let mut factors = Factors::default();
-        self.split(node, &mut factors).map_err(refused)?;
+        self.split(node, &mut factors, 0).map_err(refused)?;
         let mut out = Regressor { name: text.to_owned(), inputs: Vec::new(), motion: Vec::new() };
         for own in [&factors.held, &factors.following] {
             let one = self.graph.constant(1.0);
@@ -248,25 +250,33 @@ impl<'a> Reduction<'a> {
         Ok(out)
     }
 
-    fn split(&mut self, node: Node, out: &mut Factors) -> Result<(), String> {
+    fn split(&mut self, node: Node, out: &mut Factors, depth: usize) -> Result<(), String> {
+        if depth > DEEPEST {
+            return Err(format!("is a product of more than {DEEPEST} parts"));
+        }
+        let depth = depth + 1;
         let variables = self.graph.variables(&[node]);
         if variables.iter().all(|v| self.is_of_inputs(*v)) {
             let follows = variables.iter().any(|v| matches!(v, Variable::State(_)));
-            if follows { out.following.push(node) } else { out.held.push(node) }
+            if follows {
+                out.following.push(node)
+            } else {
+                out.held.push(node)
+            }
             return Ok(());
         }
         match self.graph.operation(node) {
             Operation::Multiply(a, b) => {
-                self.split(a, out)?;
-                self.split(b, out)?;
+                self.split(a, out, depth)?;
+                self.split(b, out, depth)?;
             }
             Operation::IntegerPower(a, n @ 2..) if n as usize <= MOST_FACTORS => {
-                (0..n).try_for_each(|_| self.split(a, out))?;
+                (0..n).try_for_each(|_| self.split(a, out, depth))?;
             }
             Operation::Subtract(a, b) if self.graph.constant_value(a) == Some(0.0) => {
                 let minus = self.graph.constant(-1.0);
                 out.held.push(minus);
-                self.split(b, out)?;
+                self.split(b, out, depth)?;
             }
             _ => out.motion.push(node),
         }
@@ -277,8 +287,7 @@ impl<'a> Reduction<'a> {
     }
 
     fn motion_signal(&mut self, node: Node) -> Result<MotionSignal, String> {
-        let mut out =
-            MotionSignal { velocity: [0.0; 3], rates: [0.0; 3], states: Vec::new(), inputs: None };
+        let mut out = MotionSignal { velocity: [0.0; 3], rates: [0.0; 3], states: Vec::new(), inputs: None };
         let variables = self.graph.variables(&[node]);
         let moving: Vec<Variable> = variables.into_iter().filter(|v| !self.is_of_inputs(*v)).collect();
         for variable in &moving {

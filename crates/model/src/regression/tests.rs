@@ -2,8 +2,12 @@ use super::*;
 use crate::model::Body;
 use approx::assert_relative_eq;
 
-const BODY: Body =
-    Body { mass_kg: 0.8, inertia_kg_m2: [6e-3, 6e-3, 1e-3, 0.0, 0.0, 0.0], gravity_m_s2: 9.8, air_density_kg_m3: 1.2 };
+const BODY: Body = Body {
+    mass_kg: 0.8,
+    inertia_kg_m2: [6e-3, 6e-3, 1e-3, 0.0, 0.0, 0.0],
+    gravity_m_s2: 9.8,
+    air_density_kg_m3: 1.2,
+};
 
 /// A quadrotor's rotor that lags behind its command, and a disc that follows rates and a lagging servo.
 const TEXT: &str = r#"
@@ -45,7 +49,10 @@ fn states_of_first_order_are_found_with_their_factors() {
     assert_eq!(names, ["omega", "servo", "alpha"]);
     let alpha = &got.states[2];
     assert_relative_eq!(alpha.time_s, 0.05, epsilon = 1e-15);
-    assert_eq!((alpha.rates, alpha.is_of_inputs(), got.states[0].is_of_inputs()), ([0.5, -2.0, 0.0], false, true));
+    assert_eq!(
+        (alpha.rates, alpha.is_of_inputs(), got.states[0].is_of_inputs()),
+        ([0.5, -2.0, 0.0], false, true)
+    );
     assert_eq!(alpha.forcing.states(), [1]);
     let row = InputRow { inputs: &[7.0, 0.1], states: &[0.0, 0.2, 0.0, 0.0, 0.0, 0.0] };
     let at = |signal: &InputSignal| signal.series([row].into_iter())[0];
@@ -109,7 +116,8 @@ fn equations_by_names_may_use_columns_that_the_model_does_not_have() {
     assert!(regressors[0].inputs.is_empty() && regressors[0].motion.is_empty());
     assert_eq!(regressors[1].inputs[0].inputs(), [0, 2]);
     assert_eq!(regressors[2].motion.len(), 2);
-    let unknown = model.with_equations(&[equation(&["disk"], one())], &columns).expect_err("unknown").to_string();
+    let unknown =
+        model.with_equations(&[equation(&["disk"], one())], &columns).expect_err("unknown").to_string();
     assert!(["disk", "disc", "omega 4", "command_rad_s"].iter().all(|w| unknown.contains(w)), "{unknown}");
     let scale = PowerProduct { factor: 0.5, powers: vec![("rho", 1), ("R", 4)] };
     let refused = model.with_equations(&[equation(&["1"], scale)], &columns);
