@@ -3,7 +3,7 @@
 use crate::IdentifyError;
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_model::regression::{NamedEquation, PowerProduct, Regression, Regressor};
-use mavsight_model::{Axis, Input, Model};
+use mavsight_model::{Axis, Freedom, Input, Model};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -121,9 +121,11 @@ impl EquationFile {
     }
 
     /// Whether these equations may be of another aircraft than the vehicle's model: a vehicle file of
-    /// schema 1 is that of a coaxial helicopter, whatever flew.
+    /// schema 1 is that of a coaxial helicopter, whatever flew, and a model without a free parameter is none
+    /// that could be fitted.
     pub fn is_of_another_aircraft(&self, vehicle: &Vehicle) -> bool {
-        matches!(self, Self::Outputs(_)) && vehicle.is_of_schema_1
+        let nothing_free = vehicle.model.parameters.iter().all(|p| p.freedom == Freedom::Fixed);
+        matches!(self, Self::Outputs(_)) && (vehicle.is_of_schema_1 || nothing_free)
     }
 
     /// The vehicle, with the model of this file where it has one.
@@ -330,6 +332,11 @@ mod tests {
         let file = EquationFile::parse("own.toml", shelf).expect("a model");
         let bare = Vehicle { model: Arc::new(Model::rigid_body()), ..Vehicle::paper() };
         assert_eq!(file.vehicle(&bare), Vehicle::paper());
+        let other = with_output("regressors = [\"1\"]").expect("a file");
+        let earlier = Vehicle { is_of_schema_1: true, ..Vehicle::paper() };
+        let of_another = [&bare, &earlier, &Vehicle::paper()].map(|v| other.is_of_another_aircraft(v));
+        assert_eq!(of_another, [true, true, false]);
+        assert!(!file.is_of_another_aircraft(&bare));
         let refused = Equations::new(&bare, &inputs(&["a"]), None).expect_err("no equation").to_string();
         assert!(refused.contains("rigid body") && refused.contains("[[equation]]"), "{refused}");
     }
