@@ -3,8 +3,8 @@
 use crate::parts::{held_long, longest_without_gap, part_covered, part_without_gap, with_part};
 use crate::{EngineError, Flight};
 use mavsight_flight::InputSeries;
-use mavsight_identify::IdentifyError;
 use mavsight_identify::output_error::{FlightFitOptions, FlightFits, Images, InputClock};
+use mavsight_identify::{IdentifyError, RegressionError};
 use mavsight_pipeline::{
     MARKERS_STD_M, PipelineError, Progress, Solution, Stage, body_markers, identify_motion, motion_from_poses,
 };
@@ -146,7 +146,7 @@ fn output_error(
 fn is_of_the_settings(error: &IdentifyError) -> bool {
     matches!(
         error,
-        IdentifyError::UnknownSignal { .. }
+        IdentifyError::Regression(RegressionError::UnknownSignal { .. } | RegressionError::Scale { .. })
             | IdentifyError::ModelFile { .. }
             | IdentifyError::BadSetting { .. }
             | IdentifyError::BadBand { .. }

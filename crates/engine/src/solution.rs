@@ -4,6 +4,7 @@ use crate::error::input;
 use crate::identification::identify_into;
 use crate::{EngineError, TrackedFlight, calibrate, track};
 use mavsight_flight::{InputSeries, Vehicle};
+use mavsight_identify::EquationFile;
 use mavsight_identify::output_error::fitted_stretch_s;
 use mavsight_pipeline::{IdentifyOptions, Progress, motion_of, systematic_columns};
 use mavsight_pose::{MarkerObservation, PoseEstimate};
@@ -38,8 +39,8 @@ pub struct Flight<'a> {
 }
 
 impl<'a> Flight<'a> {
-    /// The flight of a session, with the model that it names. Output error is left out where there is a
-    /// model: its equations of motion are a coaxial helicopter's, and a model file is of another aircraft.
+    /// The flight of a session, with the equations that it names. Output error is left out where these are of
+    /// another aircraft than the vehicle file ([`EquationFile::is_of_another_aircraft`]).
     ///
     /// # Errors
     /// A model file that is wrong.
@@ -49,8 +50,10 @@ impl<'a> Flight<'a> {
         options: &Options<'_>,
     ) -> Result<Self, EngineError> {
         let mut identify = IdentifyOptions::default();
-        identify.table.model = input(session.model())?;
-        identify.equation_error_only = options.equation_error_only || identify.table.model.is_some();
+        identify.table.equations = input(session.equations())?;
+        let is_other = |file: &EquationFile| file.is_of_another_aircraft(&session.vehicle);
+        identify.equation_error_only =
+            options.equation_error_only || identify.table.equations.as_ref().is_some_and(is_other);
         identify.lag_s = options.lag_s;
         identify.fit.held_out_s = options.held_out_s;
         Ok(Self { name: &session.file.name, vehicle: &session.vehicle, inputs, options: identify })

@@ -22,7 +22,9 @@ use mavsight_identify::output_error::{
     FittedParameter, FlightModel, ImageMeasurements, Measurements, ModelParameter, OutputErrorFit,
     OutputErrorOptions, StateMeasurement, output_error,
 };
-use mavsight_identify::{Bandwidth, Estimator, FitOptions, Model, Options, coefficients, identify_with};
+use mavsight_identify::{
+    Bandwidth, EquationFile, Estimator, FitOptions, Options, coefficients, identify_with,
+};
 use mavsight_pose::{
     BodyMarker, CameraControl, MarkerObservation, PoseEstimator, PoseSample, Rig, calibrate, smooth,
 };
@@ -189,7 +191,7 @@ fn by_equations(
     }
     let motion = smooth(&poses, vehicle.environment.gravity_m_s2)?;
     let options = Options {
-        model: Some(Model::parse(aircraft::PRODUCTS)?),
+        equations: Some(EquationFile::parse("products.toml", aircraft::PRODUCTS)?),
         bandwidth: Bandwidth::Automatic,
         ..Options::default()
     };

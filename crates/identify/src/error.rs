@@ -26,25 +26,51 @@ pub enum IdentifyError {
     /// Inputs that do not cover the flight, or vehicle constants that make no sense.
     #[error(transparent)]
     Flight(#[from] mavsight_flight::FlightError),
-    /// Flapping cannot be integrated over times without rates.
+    /// A state that follows rates cannot be integrated over times without them.
     #[error(
-        "the motion has nothing between {from_s:.3} s and {to_s:.3} s, over which flapping cannot be integrated: give poses with an empty row for each instant that was not measured, or fit the parts one by one"
+        "the motion has nothing between {from_s:.3} s and {to_s:.3} s, over which {state} cannot be integrated: give poses with an empty row for each instant that was not measured, or fit the parts one by one"
     )]
     GapInMotion {
+        /// The state.
+        state: String,
         /// From.
         from_s: f64,
         /// To.
         to_s: f64,
     },
-    /// Rotors that stand still make the coefficients infinite.
+    /// Nothing to regress.
     #[error(
-        "the mean rotor speed at {t_s:.3} s is {omega_rad_s:.1} rad/s: coefficients need turning rotors; fit a window in flight"
+        "the model {0} has no equations for regression: add [[equation]] sections to its file, or give a file that has some"
     )]
-    RotorsStopped {
+    NoEquations(String),
+    /// Equations that are no regression.
+    #[error(transparent)]
+    Regression(#[from] mavsight_model::regression::RegressionError),
+    /// A signal without a value.
+    #[error(
+        "{regressor:?} of equation {equation} is {value} under the inputs at {t_s:.3} s: change the expression, or fit a window in flight"
+    )]
+    SignalNotFinite {
+        /// Equation.
+        equation: String,
+        /// Regressor, or `scale`.
+        regressor: String,
+        /// Time of the inputs.
+        t_s: f64,
+        /// Its value.
+        value: f64,
+    },
+    /// A scale that makes the coefficients infinite, as that of rotors that stand still.
+    #[error(
+        "the scale of equation {equation} at {t_s:.3} s is {value:.3e}, but must be above zero: coefficients need rotors or air that move; fit a window in flight"
+    )]
+    ScaleNotPositive {
+        /// Equation.
+        equation: String,
         /// Time.
         t_s: f64,
-        /// Mean speed.
-        omega_rad_s: f64,
+        /// Its value.
+        value: f64,
     },
     /// Tables of different lengths or with numbers that are not finite.
     #[error("{what}: every column must have {rows} finite values")]
@@ -97,18 +123,6 @@ pub enum IdentifyError {
     /// A model file that cannot be read.
     #[error("the model file: {0}")]
     ModelFile(String),
-    /// A regressor that names no signal.
-    #[error(
-        "output {output} names the signal {signal:?}, which does not exist: use one of {known}, or the name of a further column of numbers in the inputs"
-    )]
-    UnknownSignal {
-        /// Output.
-        output: String,
-        /// What was written.
-        signal: String,
-        /// Those that there are.
-        known: String,
-    },
     /// No column carries anything.
     #[error("the regressors have rank zero: nothing was excited; fly a manoeuvre")]
     RankZero,

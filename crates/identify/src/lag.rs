@@ -2,12 +2,11 @@
 
 use crate::coloured::coloured;
 use crate::dependence::independent_columns;
-use crate::model::factors;
-use crate::{
-    Bandwidth, CoefficientTable, Correlation, IdentifyError, Options, OutputModel, When, coefficients,
-    least_squares,
-};
+use crate::model::{Equations, states_of};
+use crate::regressors::coefficients_of;
+use crate::{Bandwidth, CoefficientTable, Correlation, IdentifyError, Options, least_squares};
 use mavsight_flight::{InputSeries, Vehicle};
+use mavsight_model::regression::{RegressionEquation, Regressor};
 use mavsight_pose::Motion;
 use nalgebra::{DMatrix, DVector};
 
@@ -106,11 +105,11 @@ pub fn delayed(inputs: &InputSeries, lag_s: f64) -> Result<InputSeries, Identify
 /// derivative of its residuals by the shift. Outputs are weighed by their variances; where they disagree by
 /// more, the standard deviation grows by the root of chi-square over its degrees of freedom (Birge 1932).
 ///
-/// A swash-plate's own column beside that of the disc that it drives is left out: the rate of flapping is a
-/// sum of both and the body's rate, so that the two columns together imitate a lag.
+/// An input's own column beside that of a state that it drives, as a swash-plate's beside that of a disc, is
+/// left out: the rate of the state is a sum of both and the body's rate, so that the two columns together
+/// imitate a lag.
 ///
-/// Valid for a model that holds: a time constant of a rotor that is longer than the vehicle file says looks
-/// like a lag.
+/// Valid for a model that holds: a time constant that is longer than the vehicle file says looks like a lag.
 ///
 /// # Errors
 /// Those of [`coefficients`].
@@ -163,6 +162,7 @@ struct LagSearch<'a> {
 
 /// An output that is fitted, behind the widest of all outputs' low-passes.
 struct Equation {
+    equations: Equations,
     options: Options,
     independent: Vec<usize>,
 }
@@ -183,18 +183,22 @@ impl<'a> LagSearch<'a> {
         options: &Options,
     ) -> Result<Self, IdentifyError> {
         let mut search = Self { motion, inputs, vehicle, equations: Vec::new(), bandwidth_hz: 0.0 };
-        for mut options in options.by_equation()? {
-            let table = coefficients(motion, inputs, vehicle, &options)?;
+        let all = Equations::new(vehicle, inputs, options.equations.as_ref())?;
+        for equation in &all.regression.equations {
+            let mut own = all.clone();
+            own.regression.equations = vec![equation.clone()];
+            let table = coefficients_of(motion, inputs, vehicle, &own, options)?;
             let Some(output) = table.outputs.first() else { continue };
             let bandwidth_hz = output.bandwidth_hz.min(0.5 / table.sample_interval_s);
             search.bandwidth_hz = search.bandwidth_hz.max(bandwidth_hz);
-            options.model.iter_mut().flat_map(|m| &mut m.output).for_each(leave_out_imitators);
-            search.equations.push(Equation { options, independent: Vec::new() });
+            leave_out_imitators(&mut own);
+            let (options, independent) = (options.clone(), Vec::new());
+            search.equations.push(Equation { equations: own, options, independent });
         }
         // Those that can be fitted: their rows are the same under every lag.
         for mut equation in std::mem::take(&mut search.equations) {
             equation.options.bandwidth = Bandwidth::Hz(search.bandwidth_hz);
-            let table = coefficients(motion, inputs, vehicle, &equation.options)?;
+            let table = coefficients_of(motion, inputs, vehicle, &equation.equations, &equation.options)?;
             let (output, rows) = (&table.outputs[0], table.rows_in_window());
             equation.independent = output.dependence(&output.regressors_at(&rows)).independent;
             let count = equation.independent.len();
@@ -207,7 +211,8 @@ impl<'a> LagSearch<'a> {
 
     fn lagged(&self, equation: &Equation, lag_s: f64) -> Result<Lagged, IdentifyError> {
         let inputs = delayed(self.inputs, lag_s)?;
-        let table = coefficients(self.motion, &inputs, self.vehicle, &equation.options)?;
+        let own = &equation.equations;
+        let table = coefficients_of(self.motion, &inputs, self.vehicle, own, &equation.options)?;
         let rows = table.rows_in_window();
         let x = table.outputs[0].columns_at(&equation.independent, &rows);
         let y = table.outputs[0].values_at(&rows);
@@ -283,12 +288,26 @@ impl Lagged {
 }
 
 /// Leaves out the columns that a lag could hide in; the output is fitted whatever a shift does to it.
-fn leave_out_imitators(output: &mut OutputModel) {
-    output.when = When::Always;
-    for (disc, plate) in [("alpha_l", "delta_lon"), ("beta_l", "delta_lat")] {
-        let driven = output.regressors.iter().any(|r| factors(r).any(|f| f == disc));
-        output.regressors.retain(|r| !driven || r != plate || output.fixed.contains_key(r));
+fn leave_out_imitators(equations: &mut Equations) {
+    let mut own = std::mem::take(&mut equations.regression.equations);
+    for equation in &mut own {
+        equation.where_excited = false;
+        let driving = equations.inputs_of_states(equation.regressors.iter().flat_map(states_of).collect());
+        let imitates = |r: &Regressor| {
+            let inputs = r.inputs.iter().flat_map(|signal| signal.inputs());
+            let mut inputs = inputs.peekable();
+            let holds = r.motion.is_empty() && r.inputs.iter().all(|signal| signal.states().is_empty());
+            holds && inputs.peek().is_some() && inputs.all(|k| driving.contains(k))
+        };
+        let is_fixed = |k: usize, equation: &RegressionEquation| equation.fixed.iter().any(|f| f.0 == k);
+        for k in (0..equation.regressors.len()).rev() {
+            if !is_fixed(k, equation) && imitates(&equation.regressors[k]) {
+                equation.regressors.remove(k);
+                equation.fixed.iter_mut().filter(|f| f.0 > k).for_each(|f| f.0 -= 1);
+            }
+        }
     }
+    equations.regression.equations = own;
 }
 
 /// The mean by inverse variances.

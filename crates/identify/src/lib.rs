@@ -1,8 +1,9 @@
 //! From motion and inputs to parameters: regressors, estimators, diagnostics.
 //!
-//! The model is a file ([`Model`]); by default equation 3 of Mulyanto, Nurhakim, Muhammad (2012) with both
-//! thrusts: each of C_X, C_Z and C_m is linear in 1, alpha_u, alpha_l, q, delta_lon, T_u and T_l; and C_Y,
-//! C_l and C_n likewise.
+//! The model is the vehicle's ([`mavsight_model::Model`]); equation error regresses on what its
+//! `[[equation]]` sections name, or those of an [`EquationFile`]. That of the paper's helicopter has equation
+//! 3 of Mulyanto, Nurhakim, Muhammad (2012) with both thrusts: each of C_X, C_Z and C_m is linear in 1, alpha_u, alpha_l, q,
+//! delta_lon, T_u and T_l; and C_Y, C_l and C_n likewise.
 
 mod coloured;
 mod dependence;
@@ -10,6 +11,7 @@ mod diagnostics;
 mod error;
 mod fit;
 mod frequency_domain;
+mod further;
 mod inverse;
 mod lag;
 mod least_squares;
@@ -39,7 +41,8 @@ pub use fit::{Combination, Diagnostics, Estimator, FitOptions, Identification, O
 pub use frequency_domain::{Band, frequency_domain};
 pub use lag::{Clocks, Lag, delayed, estimate_lag};
 pub use least_squares::{LeastSquares, least_squares, student_quantile_975, weighted_least_squares};
-pub use model::{EQUATION_3, Measured, Model, OutputModel, SIGNALS, Scale, When};
+pub use mavsight_model::regression::RegressionError;
+pub use model::{EquationFile, Measured, OutputEquation, OutputEquations, Scale, When};
 pub use noise::SignalErrors;
 pub use recursive::RecursiveLeastSquares;
 pub use regression::{identify, identify_with};

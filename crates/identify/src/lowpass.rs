@@ -1,12 +1,12 @@
 //! Low-passes of series at times of their own.
 
 use crate::IdentifyError;
-use mavsight_flight::flapping;
+use mavsight_flight::response::interpolate;
 use mavsight_pose::lowpass_like;
 
 /// A series at other times, by straight lines.
 pub(crate) fn read(times_s: &[f64], series: &[f64], at_s: &[f64]) -> Result<Vec<f64>, IdentifyError> {
-    at_s.iter().map(|t_s| Ok(flapping::interpolate(times_s, series, *t_s)?)).collect()
+    at_s.iter().map(|t_s| Ok(interpolate(times_s, series, *t_s)?)).collect()
 }
 
 /// Means over `step_s` around each point of a grid of a series that holds from each time to the next, and

@@ -1,36 +1,12 @@
-//! Output equations as data: the content of a model file.
+//! Which equations are fitted: those of the vehicle's model, or of a file that is given beside it.
 
 use crate::IdentifyError;
-use mavsight_flight::{HelicopterInput, InputSeries};
+use mavsight_flight::{InputSeries, Vehicle};
+use mavsight_model::regression::{NamedEquation, PowerProduct, Regression, Regressor};
+use mavsight_model::{Axis, Freedom, Input, Model};
 use serde::Deserialize;
 use std::collections::BTreeMap;
-
-/// The model file of equation 3, which is used where no other is given.
-pub const EQUATION_3: &str = include_str!("equation_3.toml");
-
-/// Every signal that a regressor may name, and what it is.
-pub const SIGNALS: [(&str, &str); 20] = [
-    ("1", "a constant"),
-    ("alpha_u", "flapping of the upper rotor, longitudinal, rad"),
-    ("alpha_l", "flapping of the lower rotor, longitudinal, rad"),
-    ("beta_u", "flapping of the upper rotor, lateral, rad"),
-    ("beta_l", "flapping of the lower rotor, lateral, rad"),
-    ("p", "roll rate, rad/s"),
-    ("q", "pitch rate, rad/s"),
-    ("r", "yaw rate, rad/s"),
-    ("u", "velocity along body x, m/s"),
-    ("v", "velocity along body y, m/s"),
-    ("w", "velocity along body z, m/s"),
-    ("delta_lon", "swash-plate, longitudinal, rad"),
-    ("delta_lat", "swash-plate, lateral, rad"),
-    ("T_u", "thrust of the upper rotor by its coefficient and speed, N"),
-    ("T_l", "thrust of the lower rotor, N"),
-    ("omega_u", "speed of the upper rotor, rad/s"),
-    ("omega_l", "speed of the lower rotor, rad/s"),
-    ("kappa_u", "square of the upper rotor's speed over the mean speed"),
-    ("kappa_l", "square of the lower rotor's speed over the mean speed"),
-    ("kappa_d", "kappa_l less kappa_u: the rotors' yaw torque for equal torque coefficients"),
-];
+use std::sync::Arc;
 
 /// What is explained: the aerodynamic force or moment that moves the aircraft as it was seen to move.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Deserialize)]
@@ -42,18 +18,18 @@ pub enum Measured {
     ForceY,
     /// Along body z.
     ForceZ,
-    /// Moment about body x: I_xx ṗ + (I_zz - I_yy) q r.
+    /// Moment about body x: that component of I ω̇ + ω × I ω.
     MomentX,
-    /// Moment about body y: I_yy q̇ + (I_xx - I_zz) p r.
+    /// Moment about body y.
     MomentY,
-    /// Moment about body z: I_zz ṙ + (I_yy - I_xx) p q.
+    /// Moment about body z.
     MomentZ,
 }
 
 impl Measured {
-    /// Body axis, and whether it is a moment.
-    pub(crate) fn axis(self) -> (usize, bool) {
-        (self as usize % 3, self as usize >= 3)
+    fn axis(self) -> Axis {
+        let axis = self as usize % 3;
+        if self as usize >= 3 { Axis::Moment(axis) } else { Axis::Force(axis) }
     }
 }
 
@@ -61,7 +37,8 @@ impl Measured {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Scale {
-    /// ½ρπR⁴ω² for a force, ½ρπR⁵ω² for a moment, with ω the mean rotor speed (equation 4): no unit.
+    /// ½ρπR⁴ω² for a force, ½ρπR⁵ω² for a moment, with `R` and `omega_m` of the vehicle's model, rotor radius
+    /// and mean rotor speed: no unit.
     Rotor,
     /// One: newtons and newton metres.
     Si,
@@ -78,17 +55,18 @@ pub enum When {
     Excited,
 }
 
-/// One output equation.
+/// One output equation of a file of schema 1.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct OutputModel {
+pub struct OutputEquation {
     /// Name, such as `C_X`.
     pub name: String,
     /// What is explained.
     pub measured: Measured,
     /// Unit of the signal.
     pub scale: Scale,
-    /// Names of [`SIGNALS`] or of other columns of the inputs, or products of them such as `kappa_u*alpha_u`.
+    /// Signals of the vehicle's model, columns of the inputs, or products of them such as
+    /// `kappa_u*alpha_u`.
     pub regressors: Vec<String>,
     /// Regressors whose coefficients are known, and their values: their part is taken off the output.
     #[serde(default)]
@@ -98,67 +76,81 @@ pub struct OutputModel {
     pub when: When,
 }
 
-/// A set of output equations.
+/// Output equations over a vehicle's model.
 ///
 /// A file names `schema = 1`, a `name`, and for each `[[output]]` its `name`, what is `measured` (`force_x`
 /// to `moment_z`), its `scale` (`rotor` or `si`), its `regressors`, and, where wanted, `fixed` coefficients
 /// and `when = "excited"`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Model {
+pub struct OutputEquations {
     /// Version of the format: 1.
     pub schema: u32,
     /// Name.
     pub name: String,
     /// Equations.
-    pub output: Vec<OutputModel>,
+    pub output: Vec<OutputEquation>,
 }
 
-impl Model {
-    /// Reads a model file's text.
-    ///
-    /// # Errors
-    /// [`IdentifyError::ModelFile`] for text that is not such a file. Whether its signals exist,
-    /// [`Model::check_signals`] says.
-    pub fn parse(text: &str) -> Result<Self, IdentifyError> {
-        let model: Self = toml::from_str(text).map_err(|e| IdentifyError::ModelFile(e.to_string()))?;
-        model.check()?;
-        Ok(model)
-    }
+/// A file that says which equations are fitted in place of those of the vehicle's own model.
+#[derive(Debug, Clone, PartialEq)]
+pub enum EquationFile {
+    /// Schema 1: other equations over the vehicle's model.
+    Outputs(OutputEquations),
+    /// Schema 2: a flight model with equations of its own, in place of the vehicle's.
+    Model(Arc<Model>),
+}
 
-    /// [`EQUATION_3`].
+impl EquationFile {
+    /// Reads a file's text; `file` is its name in errors.
     ///
     /// # Errors
-    /// Never: the text is part of the program, and a test reads it.
-    pub fn equation_3() -> Result<Self, IdentifyError> {
-        Self::parse(EQUATION_3)
-    }
-
-    /// Checks that every signal is one of [`SIGNALS`] or a column of the inputs.
-    ///
-    /// # Errors
-    /// [`IdentifyError::UnknownSignal`], with those that there are.
-    pub fn check_signals(&self, inputs: &InputSeries) -> Result<(), IdentifyError> {
-        let own = SIGNALS.iter().map(|(name, _)| *name);
-        let columns = inputs.names().iter().map(String::as_str);
-        let others = columns.filter(|name| !HelicopterInput::COLUMNS.contains(name));
-        let known: Vec<&str> = own.chain(others).collect();
-        for output in &self.output {
-            let mut signals = output.regressors.iter().flat_map(|r| factors(r));
-            if let Some(signal) = signals.find(|signal| !known.contains(signal)) {
-                return Err(IdentifyError::UnknownSignal {
-                    output: output.name.clone(),
-                    signal: signal.to_owned(),
-                    known: known.join(", "),
-                });
-            }
+    /// [`IdentifyError::ModelFile`] for text of neither schema. Whether the signals of a file of schema 1
+    /// exist is seen with the vehicle and the inputs.
+    pub fn parse(file: &str, text: &str) -> Result<Self, IdentifyError> {
+        #[derive(Deserialize)]
+        struct Schema {
+            schema: Option<toml::Value>,
         }
-        Ok(())
+        let schema = toml::from_str::<Schema>(text).ok().and_then(|s| s.schema);
+        if schema.is_some_and(|s| s.as_integer() == Some(2)) {
+            let model = Model::parse(file, text).map_err(|e| IdentifyError::ModelFile(e.to_string()))?;
+            return Ok(Self::Model(Arc::new(model)));
+        }
+        OutputEquations::parse(text).map(Self::Outputs)
+    }
+
+    /// Whether these equations may be of another aircraft than the vehicle's model: a vehicle file of
+    /// schema 1 is that of a coaxial helicopter, whatever flew, and a model without a free parameter is none
+    /// that could be fitted.
+    pub fn is_of_another_aircraft(&self, vehicle: &Vehicle) -> bool {
+        let nothing_free = vehicle.model.parameters.iter().all(|p| p.freedom == Freedom::Fixed);
+        matches!(self, Self::Outputs(_)) && (vehicle.is_of_schema_1 || nothing_free)
+    }
+
+    /// The vehicle, with the model of this file where it has one.
+    pub fn vehicle(&self, vehicle: &Vehicle) -> Vehicle {
+        match self {
+            Self::Outputs(_) => vehicle.clone(),
+            Self::Model(model) => Vehicle { model: Arc::clone(model), ..vehicle.clone() },
+        }
+    }
+}
+
+impl OutputEquations {
+    /// Reads the text of a file of schema 1.
+    ///
+    /// # Errors
+    /// [`IdentifyError::ModelFile`].
+    pub fn parse(text: &str) -> Result<Self, IdentifyError> {
+        let equations: Self = toml::from_str(text).map_err(|e| IdentifyError::ModelFile(e.to_string()))?;
+        equations.check()?;
+        Ok(equations)
     }
 
     fn check(&self) -> Result<(), IdentifyError> {
         if self.schema != 1 {
-            return wrong(format!("schema is {}, but this program reads 1", self.schema));
+            return wrong(format!("schema is {}, but this program reads 1 and 2", self.schema));
         }
         if self.output.is_empty() {
             return wrong("there is no [[output]]: name at least one".to_owned());
@@ -173,7 +165,7 @@ impl Model {
     }
 }
 
-impl OutputModel {
+impl OutputEquation {
     fn check(&self) -> Result<(), IdentifyError> {
         let Self { name: output, regressors, fixed, .. } = self;
         if let Some((_, twice)) = regressors.iter().enumerate().find(|(k, r)| regressors[..*k].contains(r)) {
@@ -194,59 +186,175 @@ impl OutputModel {
         }
         Ok(())
     }
+
+    fn named(&self) -> NamedEquation {
+        let measured = self.measured.axis();
+        let radii = if matches!(measured, Axis::Moment(_)) { 5 } else { 4 };
+        let scale = match self.scale {
+            Scale::Rotor => {
+                let powers = vec![("rho", 1), ("pi", 1), ("R", radii), ("omega_m", 2)];
+                PowerProduct { factor: 0.5, powers }
+            }
+            Scale::Si => PowerProduct { factor: 1.0, powers: Vec::new() },
+        };
+        let fixed = self.regressors.iter().enumerate().filter_map(|(k, r)| Some((k, *self.fixed.get(r)?)));
+        NamedEquation {
+            name: self.name.clone(),
+            measured,
+            scale,
+            regressors: self.regressors.clone(),
+            fixed: fixed.collect(),
+            where_excited: self.when == When::Excited,
+        }
+    }
 }
 
 fn wrong(detail: String) -> Result<(), IdentifyError> {
     Err(IdentifyError::ModelFile(detail))
 }
 
-/// The signals whose product a regressor is.
-pub(crate) fn factors(regressor: &str) -> impl Iterator<Item = &str> {
-    regressor.split('*').map(str::trim)
+/// The equations of a flight, with parameters as numbers.
+#[derive(Debug, Clone)]
+pub(crate) struct Equations {
+    pub(crate) regression: Regression,
+    /// The inputs, in the order in which the equations number them.
+    pub(crate) inputs: Vec<Input>,
+}
+
+impl Equations {
+    /// Those of a file, where there is one, or of the vehicle's model.
+    ///
+    /// # Errors
+    /// Equations that are no regression, and a model without any.
+    pub(crate) fn new(
+        vehicle: &Vehicle,
+        inputs: &InputSeries,
+        file: Option<&EquationFile>,
+    ) -> Result<Self, IdentifyError> {
+        let model = match file {
+            None => Arc::clone(&vehicle.model),
+            Some(EquationFile::Model(model)) => Arc::clone(model),
+            Some(EquationFile::Outputs(own)) => {
+                let named: Vec<NamedEquation> = own.output.iter().map(OutputEquation::named).collect();
+                Arc::new(vehicle.model.with_equations(&named, inputs.names())?)
+            }
+        };
+        if model.equations.is_empty() {
+            return Err(IdentifyError::NoEquations(model.name.clone()));
+        }
+        let own = Vehicle { model, ..vehicle.clone() };
+        Ok(Self { regression: own.model.regression(&own.values())?, inputs: own.model.inputs.clone() })
+    }
+
+    /// The inputs that drive a regressor, by themselves or by states.
+    pub(crate) fn inputs_that_drive(&self, regressor: &Regressor) -> Vec<usize> {
+        let of_motion = regressor.motion.iter().filter_map(|m| m.inputs.as_ref());
+        let own = regressor.inputs.iter().chain(of_motion);
+        let own = own.flat_map(|signal| signal.inputs().iter().copied());
+        let mut out: Vec<usize> = own.chain(self.inputs_of_states(states_of(regressor))).collect();
+        out.sort_unstable();
+        out.dedup();
+        out
+    }
+
+    /// The inputs that drive some states, by themselves or by other states.
+    pub(crate) fn inputs_of_states(&self, mut driven: Vec<usize>) -> Vec<usize> {
+        let mut inputs = Vec::new();
+        // A state comes behind those that drive it.
+        for state in self.regression.states.iter().rev() {
+            if driven.contains(&state.state) {
+                driven.extend(state.forcing.states());
+                inputs.extend(state.forcing.inputs());
+            }
+        }
+        inputs
+    }
+}
+
+/// The further states that a regressor names.
+pub(crate) fn states_of(regressor: &Regressor) -> Vec<usize> {
+    let own = regressor.motion.iter().flat_map(|m| m.states.iter().map(|term| term.state));
+    let of_motion = regressor.motion.iter().filter_map(|m| m.inputs.as_ref());
+    let of_inputs = regressor.inputs.iter().chain(of_motion);
+    own.chain(of_inputs.flat_map(|signal| signal.states().iter().copied())).collect()
+}
+
+/// Names of the equations of a file, where there is one, or of the vehicle's model.
+pub(crate) fn names(vehicle: &Vehicle, file: Option<&EquationFile>) -> Vec<String> {
+    let of_model = |model: &Model| model.equations.iter().map(|e| e.name.clone()).collect();
+    match file {
+        None => of_model(&vehicle.model),
+        Some(EquationFile::Model(model)) => of_model(model),
+        Some(EquationFile::Outputs(own)) => own.output.iter().map(|o| o.name.clone()).collect(),
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mavsight_model::regression::RegressionError;
 
-    #[test]
-    fn equation_3_is_read() {
-        let model = Model::equation_3().expect("a model");
-        let names: Vec<&str> = model.output.iter().map(|o| o.name.as_str()).collect();
-        assert_eq!(names, ["C_X", "C_Z", "C_m", "C_Y", "C_l", "C_n"]);
-        assert_eq!(model.output[0].regressors.len(), 7);
-        assert_eq!((model.output[2].measured, model.output[2].scale), (Measured::MomentY, Scale::Rotor));
-        assert_eq!((model.output[0].when, model.output[4].when), (When::Always, When::Excited));
+    fn with_output(rest: &str) -> Result<EquationFile, IdentifyError> {
+        EquationFile::parse(
+            "model.toml",
+            &format!(
+                "schema = 1\nname = \"quad\"\n[[output]]\nname = \"Z\"\nmeasured = \"force_z\"\nscale = \"si\"\n{rest}"
+            ),
+        )
     }
 
-    fn with_output(rest: &str) -> Result<Model, IdentifyError> {
-        Model::parse(&format!(
-            "schema = 1\nname = \"quad\"\n[[output]]\nname = \"Z\"\nmeasured = \"force_z\"\nscale = \"si\"\n{rest}"
-        ))
+    fn inputs(names: &[&str]) -> InputSeries {
+        let names: Vec<String> = names.iter().map(|n| (*n).to_owned()).collect();
+        let values = vec![0.0; 2 * names.len()];
+        InputSeries::new(names, vec![0.0, 1.0], values).expect("inputs")
+    }
+
+    #[test]
+    fn the_papers_equations_are_those_of_its_model() {
+        let vehicle = Vehicle::paper();
+        assert_eq!(names(&vehicle, None), ["C_X", "C_Z", "C_m", "C_Y", "C_l", "C_n"]);
+        let columns = vehicle.input_columns();
+        let got = Equations::new(&vehicle, &inputs(&columns), None).expect("equations");
+        let equations = &got.regression.equations;
+        assert_eq!((equations[0].regressors.len(), equations[2].measured), (7, Axis::Moment(1)));
+        assert_eq!((equations[0].where_excited, equations[4].where_excited), (false, true));
+        assert_eq!(got.regression.states.len(), 4);
     }
 
     #[test]
     fn a_laboratorys_own_model_is_read() {
-        let model =
-            with_output("regressors = [\"omega_u*omega_u\", \"w\"]\nfixed = { w = -0.1 }").expect("a model");
-        assert_eq!(model.output[0].fixed["w"], -0.1);
-        assert_eq!(factors(&model.output[0].regressors[0]).collect::<Vec<_>>(), ["omega_u", "omega_u"]);
+        let file =
+            with_output("regressors = [\"omega_u*omega_u\", \"w\"]\nfixed = { w = -0.1 }").expect("a file");
+        let EquationFile::Outputs(own) = &file else { panic!("{file:?}") };
+        assert_eq!(own.output[0].named().fixed, [(1, -0.1)]);
+        assert_eq!(file.vehicle(&Vehicle::paper()), Vehicle::paper());
+        let shelf = mavsight_model::SHELF[0].1;
+        let file = EquationFile::parse("own.toml", shelf).expect("a model");
+        let bare = Vehicle { model: Arc::new(Model::rigid_body()), ..Vehicle::paper() };
+        assert_eq!(file.vehicle(&bare), Vehicle::paper());
+        let other = with_output("regressors = [\"1\"]").expect("a file");
+        let earlier = Vehicle { is_of_schema_1: true, ..Vehicle::paper() };
+        let of_another = [&bare, &earlier, &Vehicle::paper()].map(|v| other.is_of_another_aircraft(v));
+        assert_eq!(of_another, [true, true, false]);
+        assert!(!file.is_of_another_aircraft(&bare));
+        let refused = Equations::new(&bare, &inputs(&["a"]), None).expect_err("no equation").to_string();
+        assert!(refused.contains("rigid body") && refused.contains("[[equation]]"), "{refused}");
     }
 
     #[test]
     fn an_unknown_signal_is_named_with_those_that_there_are() {
-        let inputs = |names: &[&str]| {
-            let all: Vec<String> =
-                HelicopterInput::COLUMNS.iter().chain(names).map(|n| (*n).into()).collect();
-            let values = vec![0.0; 2 * all.len()];
-            InputSeries::new(all, vec![0.0, 1.0], values).expect("inputs")
-        };
-        let model = with_output("regressors = [\"1\", \"alpha_u*gamma\"]").expect("a model");
-        let refused = model.check_signals(&inputs(&[])).expect_err("an error");
-        assert!(matches!(&refused, IdentifyError::UnknownSignal { signal, .. } if signal == "gamma"));
+        let file = with_output("regressors = [\"1\", \"alpha_u*gamma\"]").expect("a file");
+        let with = |names: &[&str]| Equations::new(&Vehicle::paper(), &inputs(names), Some(&file));
+        let refused = with(&["delta_lat_rad"]).expect_err("an error");
+        assert!(matches!(
+            &refused,
+            IdentifyError::Regression(RegressionError::UnknownSignal { signal, .. }) if signal == "gamma"
+        ));
         let text = refused.to_string();
-        assert!(text.contains("gamma") && SIGNALS.iter().all(|(name, _)| text.contains(name)), "{text}");
-        assert_eq!(model.check_signals(&inputs(&["gamma"])), Ok(()));
+        for name in ["gamma", "alpha_u", "beta_l", "T_u", "kappa_d", "omega_l", "delta_lat_rad", "q"] {
+            assert!(text.contains(name), "{text}");
+        }
+        assert_eq!(with(&["gamma"]).expect("equations").inputs.len(), 5);
     }
 
     #[test]
@@ -266,14 +374,14 @@ mod tests {
             let refused = with_output(text).expect_err(text).to_string();
             assert!(refused.contains(hint), "{refused} should say {hint}");
         }
-        assert!(matches!(
-            Model::parse("schema = 2\nname = \"\"\noutput = []"),
-            Err(IdentifyError::ModelFile { .. })
-        ));
-        assert!(matches!(
-            Model::parse("schema = 1\nname = \"\"\noutput = []"),
-            Err(IdentifyError::ModelFile { .. })
-        ));
-        assert!(matches!(Model::parse("no toml"), Err(IdentifyError::ModelFile { .. })));
+        for text in [
+            "schema = 2\nname = \"\"\noutput = []",
+            "schema = 1\nname = \"\"\noutput = []",
+            "schema = 3\nname = \"\"\n[[output]]\nname = \"Z\"\nmeasured = \"force_z\"\nscale = \"si\"\nregressors = [\"1\"]",
+            "no toml",
+        ] {
+            let refused = EquationFile::parse("model.toml", text);
+            assert!(matches!(refused, Err(IdentifyError::ModelFile { .. })), "{refused:?}");
+        }
     }
 }

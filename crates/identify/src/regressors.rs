@@ -3,12 +3,13 @@
 use crate::coloured::coloured;
 use crate::inverse::log_determinant;
 use crate::lowpass::{lowpass_at, median};
-use crate::model::{Model, OutputModel, Scale, When};
+use crate::model::{self, EquationFile, Equations};
 use crate::noise::{Bands, SignalErrors, Source, SourceVariance, Term, Transfer};
 use crate::signals::{Flight, Passed, Signal, scale_terms};
 use crate::table::{CoefficientTable, Column, Fixed, Output};
 use crate::{Correlation, IdentifyError, least_squares};
 use mavsight_flight::{InputSeries, Vehicle};
+use mavsight_model::regression::RegressionEquation;
 use mavsight_pose::Motion;
 use nalgebra::{DMatrix, DVector, DVectorView};
 
@@ -35,78 +36,95 @@ pub struct Options {
     /// Left out at either end, where a low-pass leans on one side only; at least one period of the
     /// smoother's, and of a further low-pass.
     pub margin_s: f64,
-    /// Output equations; equation 3 where there are none.
-    pub model: Option<Model>,
+    /// Equations in place of those of the vehicle's model.
+    pub equations: Option<EquationFile>,
+    /// The equations that are formed, by their names; all where none are named.
+    pub only: Vec<String>,
     /// Low-pass.
     pub bandwidth: Bandwidth,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { margin_s: 0.5, model: None, bandwidth: Bandwidth::Automatic }
+        Self { margin_s: 0.5, equations: None, only: Vec::new(), bandwidth: Bandwidth::Automatic }
     }
 }
 
 impl Options {
-    pub(crate) fn model(&self) -> Result<Model, IdentifyError> {
-        self.model.clone().map_or_else(Model::equation_3, Ok)
-    }
-
-    /// These options for each equation of the model by itself.
+    /// These options for each equation of a vehicle by itself.
     ///
     /// # Errors
-    /// Those of [`Model::equation_3`].
-    pub fn by_equation(&self) -> Result<Vec<Self>, IdentifyError> {
-        let Model { schema, name, output } = self.model()?;
-        let model = |equation| Model { schema, name: name.clone(), output: vec![equation] };
-        Ok(output.into_iter().map(|e| Self { model: Some(model(e)), ..self.clone() }).collect())
+    /// [`IdentifyError::NoEquations`] where the vehicle's model has none and no file gives any.
+    pub fn by_equation(&self, vehicle: &Vehicle) -> Result<Vec<Self>, IdentifyError> {
+        let mut names = model::names(vehicle, self.equations.as_ref());
+        names.retain(|name| self.is_formed(name));
+        if names.is_empty() {
+            return Err(IdentifyError::NoEquations(vehicle.model.name.clone()));
+        }
+        Ok(names.into_iter().map(|name| Self { only: vec![name], ..self.clone() }).collect())
+    }
+
+    fn is_formed(&self, equation: &str) -> bool {
+        self.only.is_empty() || self.only.iter().any(|name| name == equation)
     }
 }
 
-/// Forms the outputs of the model and their regressors.
+/// Forms the outputs of the vehicle's equations and their regressors.
 ///
-/// By default these are C_X, C_Z and C_m (equation 4, with q̇ in place of the misprinted q) over the
-/// regressors of equation 3, and C_Y, C_l and C_n where the flight excites them. C_X, C_Z = m a/(½ρπR⁴ω²)
-/// with a the specific force and ω the mean rotor speed, C_m = I_yy q̇/(½ρπR⁵ω²) with the gyroscopic part of
-/// [`crate::Measured`]. Flapping angles are integrated from the smoothed rates and the recorded swash-plate
-/// (equation 2), from trim. All that stands in one equation has passed the same low-passes
+/// What is measured are the forces and moments of the air in body axes: mass times specific force, and
+/// I ω̇ + ω × I ω. Each is divided by its equation's scale; the paper's C_X, C_Z = m a/(½ρπR⁴ω²) and
+/// C_m = I_yy q̇/(½ρπR⁵ω²) are of this kind (equation 4, with q̇ in place of the misprinted q). Further
+/// states, such as flapping angles, are integrated from the smoothed rates and the recorded inputs, from
+/// their initial values at the first input. All that stands in one equation has passed the same low-passes
 /// ([`mavsight_pose::lowpass_like`]): the smoother's and that of [`Bandwidth`].
 ///
-/// Valid for flights that begin in trim, with flapping times that are known. Instants in a gap of the poses,
+/// Valid for flights that begin in trim, with time constants that are known. Instants in a gap of the poses,
 /// where the smoother's variance of a velocity or rate is above nine times its median, or beside a gap in
 /// time, are not fitted.
 ///
 /// # Errors
-/// Inputs that do not cover the flight, rotors that stand still where a scale needs them turning, a bandwidth
-/// that is not positive, an empty motion, a model with an unknown signal, or with flapping where the motion
-/// has a gap in time, over which rates cannot be integrated.
+/// Inputs that do not cover the flight or lack a column; equations that are no regression
+/// ([`mavsight_model::regression`]), or none; a signal that is not finite, a scale that is not above zero; a
+/// bandwidth that is not positive, an empty motion, or states that rates drive where the motion has a gap in
+/// time, over which rates cannot be integrated.
 pub fn coefficients(
     motion: &Motion,
     inputs: &InputSeries,
     vehicle: &Vehicle,
     options: &Options,
 ) -> Result<CoefficientTable, IdentifyError> {
-    let model = options.model()?;
-    model.check_signals(inputs)?;
-    let flight = Flight::new(motion, inputs, vehicle)?;
+    let mut equations = Equations::new(vehicle, inputs, options.equations.as_ref())?;
+    equations.regression.equations.retain(|e| options.is_formed(&e.name));
+    coefficients_of(motion, inputs, vehicle, &equations, options)
+}
+
+/// [`coefficients`] of equations that are at hand.
+pub(crate) fn coefficients_of(
+    motion: &Motion,
+    inputs: &InputSeries,
+    vehicle: &Vehicle,
+    equations: &Equations,
+    options: &Options,
+) -> Result<CoefficientTable, IdentifyError> {
+    let flight = Flight::new(motion, inputs, vehicle, equations)?;
     let (Some(first_s), Some(last_s)) = (flight.t_s.first().copied(), flight.t_s.last().copied()) else {
-        return Err(IdentifyError::TooFewInstants { found: 0, parameters: 7 });
+        return Err(IdentifyError::TooFewInstants { found: 0, parameters: 1 });
     };
     let slowest_hz = motion.translation_bandwidth_hz.min(motion.rotation_bandwidth_hz);
     let margin_s = options.margin_s.max(1.0 / slowest_hz).clamp(0.0, (last_s - first_s) / 4.0);
     let mut table = CoefficientTable {
         t_s: flight.t_s.clone(),
-        outputs: Vec::with_capacity(model.output.len()),
+        outputs: Vec::with_capacity(equations.regression.equations.len()),
         window_s: (first_s + margin_s, last_s - margin_s),
         sample_interval_s: motion.sample_interval_s,
         usable: usable(&flight, margin_s),
         not_excited: Vec::new(),
     };
     let rows = table.rows_in_window();
-    for equation in &model.output {
+    for equation in &equations.regression.equations {
         let draft = Draft::new(&flight, equation)?;
         let whole = || draft.finish(&flight, &table.usable, None);
-        if equation.when == When::Excited && !excited(&whole(), &rows) {
+        if equation.where_excited && !excited(&whole(), &rows) {
             table.not_excited.push(equation.name.clone());
             continue;
         }
@@ -156,39 +174,45 @@ fn excited(output: &Output, rows: &[usize]) -> bool {
         && output.columns.iter().zip(regressors.column_iter()).any(moves)
 }
 
+/// What a column is called, and the inputs that drive it.
+struct Named {
+    name: String,
+    inputs: Vec<String>,
+}
+
 /// An output behind the smoother's low-passes alone.
 struct Draft {
     name: String,
     output: Signal,
-    columns: Vec<(String, Signal)>,
+    columns: Vec<(Named, Signal)>,
     fixed: Vec<Fixed>,
     bands: Bands,
 }
 
 impl Draft {
-    fn new(flight: &Flight<'_>, equation: &OutputModel) -> Result<Self, IdentifyError> {
+    fn new(flight: &Flight<'_>, equation: &RegressionEquation) -> Result<Self, IdentifyError> {
         let passed = equation
             .regressors
             .iter()
             .fold(Passed::by_measured(equation.measured), |all, r| all.and(Passed::by_regressor(r)));
         let mut output = flight.measured(equation.measured, passed);
-        if equation.scale == Scale::Rotor {
-            let scale = flight.rotor_scale(equation.measured.axis().1, passed)?;
+        if equation.scale.constant() != Some(1.0) {
+            let scale = flight.scale(equation, passed)?;
             let inverse = scale.iter().map(|s| 1.0 / s).collect();
             output.multiply(Signal { values: inverse, terms: Vec::new() });
         }
         let mut columns = Vec::new();
         let mut fixed = Vec::new();
-        for regressor in &equation.regressors {
-            let name = if regressor == "1" { "0".to_owned() } else { regressor.clone() };
-            let mut signal = flight.regressor(regressor, passed)?;
-            if let Some(value) = equation.fixed.get(regressor) {
+        for (k, regressor) in equation.regressors.iter().enumerate() {
+            let name = if regressor.name == "1" { "0".to_owned() } else { regressor.name.clone() };
+            let mut signal = flight.regressor(&equation.name, regressor, passed)?;
+            if let Some((_, value)) = equation.fixed.iter().find(|(which, _)| *which == k) {
                 output.values.iter_mut().zip(&signal.values).for_each(|(y, x)| *y -= value * x);
                 scale_terms(&mut signal.terms, &vec![-value; signal.values.len()]);
                 output.terms.extend(signal.terms);
                 fixed.push(Fixed { name, value: *value });
             } else {
-                columns.push((name, signal));
+                columns.push((Named { name, inputs: flight.inputs_that_drive(regressor) }, signal));
             }
         }
         let bands = Bands {
@@ -214,10 +238,11 @@ impl Draft {
             let usual = median(used.iter().map(|row| by_row[*row]).collect());
             SourceVariance { by_row, usual }
         });
-        let column = |(j, (name, signal)): (usize, &(String, Signal))| {
+        let column = |(j, (named, signal)): (usize, &(Named, Signal))| {
             let sum: f64 = used.iter().map(|row| errors.variance(*row, j)).sum();
             let std = (sum / used.len().max(1) as f64).sqrt();
-            Column { name: name.clone(), values: pass(&signal.values), std }
+            let Named { name, inputs } = named;
+            Column { name: name.clone(), inputs: inputs.clone(), values: pass(&signal.values), std }
         };
         Output {
             name: self.name.clone(),
@@ -258,15 +283,15 @@ impl Draft {
     }
 }
 
-/// What an error of the turn at the first time does to flapping, which is integrated from there: it fades
-/// with the disc's time.
+/// What an error of the turn at the first time does to states that follow rates, which are integrated from
+/// there: it fades with the state's time.
 fn start_errors(flight: &Flight<'_>, signals: &[&[Term]]) -> Vec<DMatrix<f64>> {
     let mut out = Vec::new();
     let slowest_s = signals.iter().flat_map(|terms| terms.iter()).filter_map(|t| match t.transfer {
         Transfer::Washout { time_s } => Some(time_s),
         Transfer::Derivative(_) => None,
     });
-    // Behind so many times of the slowest disc less than 1e-13 of it is left.
+    // Behind so many times of the slowest state less than 1e-13 of it is left.
     let gone_s = flight.t_s[0] + 30.0 * slowest_s.fold(0.0, f64::max);
     let rows = flight.t_s.partition_point(|t_s| *t_s <= gone_s);
     for axis in 0..3 {

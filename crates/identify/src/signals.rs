@@ -1,13 +1,19 @@
-//! The signals that a model may name, from motion and inputs.
+//! The signals of an equation, from motion and inputs.
 
 use crate::IdentifyError;
+use crate::further::{Further, between};
 use crate::lowpass::{lowpass_at, means_of_held, median, read};
-use crate::model::{Measured, SIGNALS, factors};
+use crate::model::Equations;
 use crate::noise::{Source, Term, Transfer};
-use mavsight_flight::flapping::{self, Between};
-use mavsight_flight::{HelicopterInput, InputSeries, Vehicle, force_per_speed2, thrust_n};
+use mavsight_flight::response::{self, Between};
+use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::Vector3;
+use mavsight_model::Axis;
+use mavsight_model::regression::{
+    InputSignal, MotionSignal, RegressionEquation, Regressor, StateResponse, StateTerm,
+};
 use mavsight_pose::{Motion, MotionSample, lowpass_like};
+use nalgebra::Matrix3;
 
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Signal {
@@ -22,6 +28,30 @@ impl Signal {
         self.terms.extend(factor.terms);
         self.values.iter_mut().zip(&factor.values).for_each(|(value, by)| *value *= by);
     }
+
+    fn add(&mut self, other: Self) {
+        self.values.iter_mut().zip(&other.values).for_each(|(value, more)| *value += more);
+        self.terms.extend(other.terms);
+    }
+}
+
+/// A signal of the inputs, at their times.
+struct Series {
+    values: Vec<f64>,
+    between: Between,
+}
+
+impl Series {
+    fn moves(&self) -> bool {
+        self.values.iter().any(|v| *v != self.values[0])
+    }
+}
+
+/// What a signal is of, for messages.
+#[derive(Clone, Copy)]
+struct What<'a> {
+    equation: &'a str,
+    regressor: &'a str,
 }
 
 /// Which of the smoother's low-passes a signal has passed.
@@ -41,48 +71,21 @@ impl Passed {
 
     /// What the measured side passes: a specific force is an acceleration and the weight, which the attitude
     /// tips.
-    pub(crate) fn by_measured(measured: Measured) -> Self {
-        if measured.axis().1 { Self::ROTATION } else { Self::TRANSLATION.and(Self::ROTATION) }
+    pub(crate) fn by_measured(measured: Axis) -> Self {
+        match measured {
+            Axis::Moment(_) => Self::ROTATION,
+            Axis::Force(_) => Self::TRANSLATION.and(Self::ROTATION),
+        }
     }
 
     /// What a regressor has passed before anything is done to it.
-    pub(crate) fn by_regressor(regressor: &str) -> Self {
-        factors(regressor).fold(Self::default(), |passed, name| {
-            passed.and(match Factor::of(name) {
-                Factor::Velocity(_) => Self::TRANSLATION,
-                Factor::Input => Self::default(),
-                Factor::Rate(_) | Factor::Upper(_) | Factor::Lower(_) => Self::ROTATION,
-            })
-        })
-    }
-}
-
-/// What a signal is: of the motion along or about a body axis, or of the inputs alone.
-#[derive(Debug, Clone, Copy)]
-enum Factor {
-    Velocity(usize),
-    Rate(usize),
-    /// Flapping of the upper rotor: axis 1 longitudinal, 0 lateral.
-    Upper(usize),
-    Lower(usize),
-    Input,
-}
-
-impl Factor {
-    fn of(name: &str) -> Self {
-        match name {
-            "u" => Self::Velocity(0),
-            "v" => Self::Velocity(1),
-            "w" => Self::Velocity(2),
-            "p" => Self::Rate(0),
-            "q" => Self::Rate(1),
-            "r" => Self::Rate(2),
-            "beta_u" => Self::Upper(0),
-            "alpha_u" => Self::Upper(1),
-            "beta_l" => Self::Lower(0),
-            "alpha_l" => Self::Lower(1),
-            _ => Self::Input,
+    pub(crate) fn by_regressor(regressor: &Regressor) -> Self {
+        let mut passed = Self::default();
+        for motion in &regressor.motion {
+            passed.translation |= motion.velocity != [0.0; 3];
+            passed.rotation |= motion.rates != [0.0; 3] || !motion.states.is_empty();
         }
+        passed
     }
 }
 
@@ -91,30 +94,35 @@ pub(crate) struct Flight<'a> {
     pub(crate) motion: &'a Motion,
     inputs: &'a InputSeries,
     vehicle: &'a Vehicle,
-    helicopter: Vec<HelicopterInput>,
+    equations: &'a Equations,
+    further: Further,
 }
 
 impl<'a> Flight<'a> {
     /// # Errors
-    /// Inputs that do not cover the motion, or that have some columns of the helicopter and not all.
+    /// Inputs that do not cover the motion, or without a column that the equations need.
     pub(crate) fn new(
         motion: &'a Motion,
         inputs: &'a InputSeries,
         vehicle: &'a Vehicle,
+        equations: &'a Equations,
     ) -> Result<Self, IdentifyError> {
         let t_s: Vec<f64> = motion.samples.iter().map(|s| s.t_ns as f64 * 1e-9).collect();
         for t_s in t_s.first().into_iter().chain(t_s.last()) {
             inputs.require(*t_s)?;
         }
-        Ok(Self { t_s, motion, inputs, vehicle, helicopter: HelicopterInput::series(inputs)? })
+        let further = Further::new(inputs, equations)?;
+        Ok(Self { t_s, motion, inputs, vehicle, equations, further })
+    }
+
+    /// Names of the inputs that drive a regressor.
+    pub(crate) fn inputs_that_drive(&self, regressor: &Regressor) -> Vec<String> {
+        let driving = self.equations.inputs_that_drive(regressor);
+        driving.into_iter().map(|k| self.equations.inputs[k].name.clone()).collect()
     }
 
     fn of(&self, value: impl Fn(&MotionSample) -> f64) -> Vec<f64> {
         self.motion.samples.iter().map(value).collect()
-    }
-
-    fn of_inputs(&self, value: impl Fn(&HelicopterInput) -> f64) -> Vec<f64> {
-        self.helicopter.iter().map(value).collect()
     }
 
     /// The variance at each row of a source's errors that change: by the smoother's variance of its rate, of
@@ -145,19 +153,28 @@ impl<'a> Flight<'a> {
     }
 
     /// What is measured, newtons or newton metres.
-    pub(crate) fn measured(&self, measured: Measured, passed: Passed) -> Signal {
-        let (axis, is_moment) = measured.axis();
-        if is_moment { self.moment(axis, passed) } else { self.force(axis, passed) }
+    pub(crate) fn measured(&self, measured: Axis, passed: Passed) -> Signal {
+        match measured {
+            Axis::Moment(axis) => self.moment(axis, passed),
+            Axis::Force(axis) => self.force(axis, passed),
+        }
     }
 
     fn moment(&self, axis: usize, passed: Passed) -> Signal {
-        let (next, last) = ((axis + 1) % 3, (axis + 2) % 3);
-        let inertia = self.vehicle.inertia_kg_m2;
+        let ([xx, yy, zz], [xy, xz, yz]) =
+            (self.vehicle.inertia_kg_m2, self.vehicle.products_of_inertia_kg_m2);
+        let inertia = Matrix3::new(xx, -xy, -xz, -xy, yy, -yz, -xz, -yz, zz);
         let values = self.of(|s| {
-            inertia[axis] * s.angular_acceleration_rad_s2[axis]
-                + (inertia[last] - inertia[next]) * s.rates_rad_s[next] * s.rates_rad_s[last]
+            let gyroscopic = s.rates_rad_s.cross(&(inertia * s.rates_rad_s));
+            (inertia * s.angular_acceleration_rad_s2 + gyroscopic)[axis]
         });
-        self.moved(values, Source::Turn(axis), Transfer::Derivative(2), inertia[axis], passed)
+        let mut out =
+            self.moved(values, Source::Turn(axis), Transfer::Derivative(2), inertia[(axis, axis)], passed);
+        for other in (0..3).filter(|k| *k != axis && inertia[(axis, *k)] != 0.0) {
+            let gains = vec![inertia[(axis, other)]; self.t_s.len()];
+            out.terms.push(term(Source::Turn(other), Transfer::Derivative(2), gains));
+        }
+        out
     }
 
     /// A signal of the motion alone, with the one way in which errors reach it.
@@ -201,100 +218,117 @@ impl<'a> Flight<'a> {
     ///
     /// Inputs are multiplied before they pass. Other factors of a product pass by themselves: exact where one
     /// of them hardly moves.
-    pub(crate) fn regressor(&self, regressor: &str, passed: Passed) -> Result<Signal, IdentifyError> {
-        let mut series = vec![1.0; self.helicopter.len()];
+    pub(crate) fn regressor(
+        &self,
+        equation: &str,
+        regressor: &Regressor,
+        passed: Passed,
+    ) -> Result<Signal, IdentifyError> {
+        let what = What { equation, regressor: &regressor.name };
         let mut product = Signal { values: vec![1.0; self.t_s.len()], terms: Vec::new() };
-        for name in factors(regressor) {
-            if let Some(factor) = self.signal(Factor::of(name), passed)? {
-                product.multiply(factor);
-                continue;
-            }
-            let input = self.input(name).ok_or_else(|| IdentifyError::UnknownSignal {
-                output: "of the model".to_owned(),
-                signal: name.to_owned(),
-                known: SIGNALS.map(|(name, _)| name).join(", "),
-            })?;
-            series.iter_mut().zip(&input).for_each(|(s, v)| *s *= v);
+        for motion in &regressor.motion {
+            product.multiply(self.motion_signal(what, motion, passed)?);
         }
-        let values = self.onto_frames(&series, Between::Hold, passed)?;
+        let series = regressor.inputs.iter().map(|signal| self.series(what, signal));
+        let values = self.onto_frames(&series.collect::<Result<Vec<_>, _>>()?, passed)?;
         product.multiply(Signal { values, terms: Vec::new() });
         Ok(product)
     }
 
-    /// A signal that the motion has a part in; none for inputs.
-    fn signal(&self, factor: Factor, passed: Passed) -> Result<Option<Signal>, IdentifyError> {
-        let rotor = &self.vehicle.rotor;
-        Ok(Some(match factor {
-            Factor::Input => return Ok(None),
-            Factor::Velocity(axis) => {
-                let values = self.of(|s| s.velocity_in_body_m_s[axis]);
-                self.moved(values, Source::Position(axis), Transfer::Derivative(1), 1.0, passed)
-            }
-            Factor::Rate(axis) => {
-                let values = self.of(|s| s.rates_rad_s[axis]);
-                self.moved(values, Source::Turn(axis), Transfer::Derivative(1), 1.0, passed)
-            }
-            Factor::Upper(axis) => {
-                let (time_s, gain) = (rotor.flap_time_flybar_s, rotor.flybar_gain);
-                let values = self.flapping_from_rate(axis, time_s)?.iter().map(|a| gain * a).collect();
-                self.moved(values, Source::Turn(axis), Transfer::Washout { time_s }, -gain, passed)
-            }
-            // What the swash-plate drives, and what the rate drives.
-            Factor::Lower(axis) => {
-                let time_s = rotor.flap_time_lower_s;
-                let (longitudinal, lateral) = flapping::lower_from_swashplate(&self.helicopter, rotor);
-                let driven = if axis == 1 { longitudinal } else { lateral };
-                let driven = self.onto_frames(&driven, Between::Line, passed)?;
-                let rate = self.flapping_from_rate(axis, time_s)?;
-                let mut out =
-                    self.moved(rate, Source::Turn(axis), Transfer::Washout { time_s }, -1.0, passed);
-                out.values.iter_mut().zip(&driven).for_each(|(value, driven)| *value += driven);
-                out
-            }
-        }))
+    /// A sum of constants times velocity, rates and states, and of a signal of the inputs.
+    fn motion_signal(
+        &self,
+        what: What<'_>,
+        motion: &MotionSignal,
+        passed: Passed,
+    ) -> Result<Signal, IdentifyError> {
+        let mut out = Signal { values: vec![0.0; self.t_s.len()], terms: Vec::new() };
+        for (axis, factor) in motion.velocity.into_iter().enumerate().filter(|(_, f)| *f != 0.0) {
+            let values = self.of(|s| factor * s.velocity_in_body_m_s[axis]);
+            let (source, transfer) = (Source::Position(axis), Transfer::Derivative(1));
+            out.add(self.moved(values, source, transfer, factor, passed));
+        }
+        for (axis, factor) in motion.rates.into_iter().enumerate().filter(|(_, f)| *f != 0.0) {
+            let values = self.of(|s| factor * s.rates_rad_s[axis]);
+            let (source, transfer) = (Source::Turn(axis), Transfer::Derivative(1));
+            out.add(self.moved(values, source, transfer, factor, passed));
+        }
+        for StateTerm { state, factor } in &motion.states {
+            let Some(response) = self.equations.regression.states.iter().find(|s| s.state == *state) else {
+                continue;
+            };
+            out.add(self.driven_by_rates(response, *factor, passed)?);
+            let driven = self.further.series(*state).iter().map(|x| factor * x).collect();
+            let values = self.onto_frames(&[Series { values: driven, between: Between::Line }], passed)?;
+            out.add(Signal { values, terms: Vec::new() });
+        }
+        if let Some(inputs) = &motion.inputs {
+            let values = self.onto_frames(&[self.series(what, inputs)?], passed)?;
+            out.add(Signal { values, terms: Vec::new() });
+        }
+        Ok(out)
     }
 
-    /// A signal of the inputs alone, at their times.
-    fn input(&self, name: &str) -> Option<Vec<f64>> {
-        let ratio = |omega_rad_s: f64, s: &HelicopterInput| {
-            let mean_rad_s = 0.5 * (s.omega_u_rad_s + s.omega_l_rad_s);
-            if mean_rad_s == 0.0 { 0.0 } else { (omega_rad_s / mean_rad_s).powi(2) }
-        };
-        Some(match name {
-            "1" => vec![1.0; self.helicopter.len()],
-            "delta_lon" => self.of_inputs(|s| s.delta_lon_rad),
-            "delta_lat" => self.of_inputs(|s| s.delta_lat_rad),
-            "T_u" => self.of_inputs(|s| thrust_n(self.vehicle, s).upper_n),
-            "T_l" => self.of_inputs(|s| thrust_n(self.vehicle, s).lower_n),
-            "omega_u" => self.of_inputs(|s| s.omega_u_rad_s),
-            "omega_l" => self.of_inputs(|s| s.omega_l_rad_s),
-            "kappa_u" => self.of_inputs(|s| ratio(s.omega_u_rad_s, s)),
-            "kappa_l" => self.of_inputs(|s| ratio(s.omega_l_rad_s, s)),
-            "kappa_d" => self.of_inputs(|s| ratio(s.omega_l_rad_s, s) - ratio(s.omega_u_rad_s, s)),
-            _ => self.inputs.column(name)?,
-        })
+    /// What of a state rates drive, times a factor.
+    fn driven_by_rates(
+        &self,
+        response: &StateResponse,
+        factor: f64,
+        passed: Passed,
+    ) -> Result<Signal, IdentifyError> {
+        let mut out = Signal { values: vec![0.0; self.t_s.len()], terms: Vec::new() };
+        let time_s = response.time_s;
+        for (axis, per_rate) in response.rates.into_iter().enumerate().filter(|(_, b)| *b != 0.0) {
+            let gain = factor * per_rate;
+            // The response to minus the rate.
+            let values = self.response_to_rate(response, axis)?.iter().map(|x| -gain * x).collect();
+            out.add(self.moved(values, Source::Turn(axis), Transfer::Washout { time_s }, gain, passed));
+        }
+        Ok(out)
     }
 
-    fn flapping_from_rate(&self, axis: usize, time_s: f64) -> Result<Vec<f64>, IdentifyError> {
+    fn response_to_rate(&self, state: &StateResponse, axis: usize) -> Result<Vec<f64>, IdentifyError> {
         if let Some((from_s, to_s)) = self.gaps_s().next() {
-            return Err(IdentifyError::GapInMotion { from_s, to_s });
+            return Err(IdentifyError::GapInMotion { state: state.name.clone(), from_s, to_s });
         }
         let rate = self.of(|s| s.rates_rad_s[axis]);
         let acceleration = self.of(|s| s.angular_acceleration_rad_s2[axis]);
-        Ok(flapping::from_rate(&self.t_s, &rate, &acceleration, time_s))
+        Ok(response::from_rate(&self.t_s, &rate, &acceleration, state.time_s))
     }
 
-    /// ½ρπR⁴ω² for a force, ½ρπR⁵ω² for a moment, at each time, with the square low-passed as the force is.
-    pub(crate) fn rotor_scale(&self, is_moment: bool, passed: Passed) -> Result<Vec<f64>, IdentifyError> {
-        let radius_m = self.vehicle.rotor.radius_m;
-        let per_square = force_per_speed2(self.vehicle) * if is_moment { radius_m } else { 1.0 };
-        let square = self.of_inputs(|s| (0.5 * (s.omega_u_rad_s + s.omega_l_rad_s)).powi(2));
-        let square = self.onto_frames(&square, Between::Hold, passed)?;
-        if let Some(k) = square.iter().position(|s| *s < 1.0) {
-            let omega_rad_s = square[k].max(0.0).sqrt();
-            return Err(IdentifyError::RotorsStopped { t_s: self.t_s[k], omega_rad_s });
+    /// A signal of the inputs, at their times.
+    fn series(&self, what: What<'_>, signal: &InputSignal) -> Result<Series, IdentifyError> {
+        let values = self.further.values(signal);
+        if let Some(k) = values.iter().position(|v| !v.is_finite()) {
+            return Err(IdentifyError::SignalNotFinite {
+                equation: what.equation.to_owned(),
+                regressor: what.regressor.to_owned(),
+                t_s: self.inputs.times_s()[k],
+                value: values[k],
+            });
         }
-        Ok(square.iter().map(|s| per_square * s).collect())
+        Ok(Series { values, between: between(signal) })
+    }
+
+    /// What an equation is divided by, at each time, low-passed as what is measured is.
+    pub(crate) fn scale(
+        &self,
+        equation: &RegressionEquation,
+        passed: Passed,
+    ) -> Result<Vec<f64>, IdentifyError> {
+        /// Of the largest: what a low-pass leaves of nothing.
+        const LEAST: f64 = 1e-6;
+        let what = What { equation: &equation.name, regressor: "scale" };
+        let scale = self.onto_frames(&[self.series(what, &equation.scale)?], passed)?;
+        let largest = scale.iter().fold(0.0_f64, |all, s| all.max(s.abs()));
+        match scale.iter().position(|s| *s <= LEAST * largest) {
+            Some(k) => Err(IdentifyError::ScaleNotPositive {
+                equation: equation.name.clone(),
+                t_s: self.t_s[k],
+                value: scale[k],
+            }),
+            None => Ok(scale),
+        }
     }
 
     pub(crate) fn bandwidths_hz(&self, passed: Passed) -> impl Iterator<Item = f64> {
@@ -311,26 +345,26 @@ impl<'a> Flight<'a> {
         self.bandwidths_hz(rest).fold(values, |values, hz| lowpass_at(&self.t_s, &values, hz))
     }
 
-    /// A series on the inputs' times, low-passed on a regular grid of their mean interval and read off at the
-    /// frames; of a series that holds a grid point gets the mean over the interval around it.
-    fn onto_frames(
-        &self,
-        series: &[f64],
-        between: Between,
-        passed: Passed,
-    ) -> Result<Vec<f64>, IdentifyError> {
-        let first = series.first().copied().unwrap_or(0.0);
-        if series.iter().all(|v| *v == first) {
-            return Ok(vec![first; self.t_s.len()]);
+    /// The product of series on the inputs' times, low-passed on a regular grid of their mean interval and
+    /// read off at the frames; of a series that holds a grid point gets the mean over the interval around it.
+    fn onto_frames(&self, all: &[Series], passed: Passed) -> Result<Vec<f64>, IdentifyError> {
+        let (moving, constant): (Vec<&Series>, Vec<&Series>) = all.iter().partition(|s| s.moves());
+        let constant: f64 = constant.iter().map(|s| s.values.first().copied().unwrap_or(0.0)).product();
+        if moving.is_empty() {
+            return Ok(vec![constant; self.t_s.len()]);
         }
         let times_s = self.inputs.times_s();
         let (start_s, end_s) = (self.inputs.start_s(), self.inputs.end_s());
         let step_s = (end_s - start_s) / (times_s.len() - 1) as f64;
         let grid_s: Vec<f64> = (0..times_s.len()).map(|k| start_s + step_s * k as f64).collect();
-        let regular = match between {
-            Between::Hold => means_of_held(times_s, series, &grid_s, step_s),
-            Between::Line => read(times_s, series, &grid_s)?,
-        };
+        let mut regular = vec![constant; grid_s.len()];
+        for series in moving {
+            let own = match series.between {
+                Between::Hold => means_of_held(times_s, &series.values, &grid_s, step_s),
+                Between::Line => read(times_s, &series.values, &grid_s)?,
+            };
+            regular.iter_mut().zip(&own).for_each(|(product, value)| *product *= value);
+        }
         let smooth = self.bandwidths_hz(passed).fold(regular, |values, hz| lowpass_like(&values, step_s, hz));
         read(&grid_s, &smooth, &self.t_s)
     }

@@ -10,6 +10,8 @@ use nalgebra::{DMatrix, DVector};
 pub struct Column {
     /// Name: `0` for the constant, else as the model has it.
     pub name: String,
+    /// Names of the inputs that drive it, by themselves or by states; none of what is of motion alone.
+    pub inputs: Vec<String>,
     /// Values at the table's times.
     pub values: Vec<f64>,
     /// Root mean square standard deviation of their error outside gaps; 0 where the column is exact.
@@ -36,8 +38,9 @@ pub struct Output {
     pub columns: Vec<Column>,
     /// Errors of the regressors and, last, of the output.
     pub errors: SignalErrors,
-    /// Errors that happen once, of the turn from which flapping is integrated: for each, what one standard
-    /// deviation of it does to the regressors and, last, the output, at the times until it has died away.
+    /// Errors that happen once, of the turn from which states that follow rates are integrated: for each,
+    /// what one standard deviation of it does to the regressors and, last, the output, at the times until it
+    /// has died away.
     pub once: Vec<DMatrix<f64>>,
     /// Coefficients that the model fixes; their part is taken off the values.
     pub fixed: Vec<Fixed>,

@@ -2,8 +2,7 @@
 
 use crate::dependence::{Dependence, DependentColumn};
 use crate::fit::{Estimator, OutputFit, Parameter};
-use crate::model::factors;
-use crate::table::Output;
+use crate::table::{Column, Output};
 
 /// The condition number from which columns are entangled enough to say so (Belsley, Kuh & Welsch 1980,
 /// section 3.2).
@@ -38,15 +37,11 @@ pub(crate) fn words(output: &Output, dependence: &Dependence, fit: &OutputFit) -
             text += &format!(" Determined is only {} = {:.3e} ± {:.1e}.", c.text, c.value, c.std);
         }
         text += &sum_of_stiffness(output, fit, &idle);
-        let mut advices: Vec<String> = Vec::new();
-        for advice in idle.iter().filter_map(|name| manoeuvre(&[name])) {
-            if !advices.contains(&advice) {
-                text += &format!(" To separate them, {advice}.");
-                advices.push(advice);
-            }
+        if let Some(advice) = manoeuvre(&dependent_together(output, dependence)) {
+            text += &format!(" To separate them, {advice}.");
         }
     }
-    text += &entangled(fit);
+    text += &entangled(output, fit);
     if fit.left_out > 0 {
         text += &format!(" {} instants in gaps of the poses were left out.", fit.left_out);
     }
@@ -57,6 +52,17 @@ pub(crate) fn words(output: &Output, dependence: &Dependence, fit: &OutputFit) -
         );
     }
     text
+}
+
+/// The dependent columns, and those that they depend on.
+fn dependent_together<'a>(output: &'a Output, dependence: &Dependence) -> Vec<&'a Column> {
+    let mut out = Vec::new();
+    for dependent in &dependence.dependent {
+        let factors = dependence.independent.iter().zip(&dependent.factors);
+        out.extend(factors.filter(|(_, factor)| **factor != 0.0).map(|(column, _)| &output.columns[*column]));
+        out.push(&output.columns[dependent.column]);
+    }
+    out
 }
 
 fn determined(output: &Output, fit: &OutputFit) -> String {
@@ -104,7 +110,7 @@ fn sum_of_stiffness(output: &Output, fit: &OutputFit, idle: &[&str]) -> String {
 }
 
 /// Which columns trade against each other, and what would part them.
-fn entangled(fit: &OutputFit) -> String {
+fn entangled(output: &Output, fit: &OutputFit) -> String {
     if fit.condition <= ENTANGLED {
         return String::new();
     }
@@ -116,7 +122,9 @@ fn entangled(fit: &OutputFit) -> String {
     for group in &groups {
         let names: Vec<&str> = group.iter().map(|j| fit.diagnostics.columns[*j].as_str()).collect();
         text += &format!(" {} trade against each other", names.join(" and "));
-        text += &match manoeuvre(&names) {
+        let columns: Vec<&Column> =
+            names.iter().filter_map(|name| output.columns.iter().find(|c| c.name == *name)).collect();
+        text += &match manoeuvre(&columns) {
             Some(advice) => format!("; to separate them, {advice}."),
             None => "; fly a manoeuvre with more frequencies to part them.".to_owned(),
         };
@@ -124,26 +132,19 @@ fn entangled(fit: &OutputFit) -> String {
     text
 }
 
-/// The manoeuvre that moves the named regressors apart.
-fn manoeuvre(names: &[&str]) -> Option<String> {
-    let has = |signals: &[&str]| names.iter().any(|n| factors(n).any(|f| signals.contains(&f)));
-    let axes: [(&str, &str, &[&str]); 2] = [
-        ("longitudinal", "delta_lon", &["alpha_u", "alpha_l", "q", "u", "w"]),
-        ("lateral", "delta_lat", &["beta_u", "beta_l", "p", "v"]),
-    ];
-    if has(&["T_u", "T_l", "omega_u", "omega_l", "kappa_u", "kappa_l", "kappa_d"]) {
-        return Some("move the rotor speeds, each by itself, with a multisine or a doublet".to_owned());
+/// The manoeuvre that moves some columns apart: that of the inputs that drive them, each by itself.
+fn manoeuvre(columns: &[&Column]) -> Option<String> {
+    let mut inputs: Vec<&str> = columns.iter().flat_map(|c| c.inputs.iter().map(String::as_str)).collect();
+    inputs.sort_unstable();
+    inputs.dedup();
+    match inputs.as_slice() {
+        [] => None,
+        [one] => Some(format!(
+            "move {one} with a multisine from slower than the slowest of the model's time constants to faster than the \
+             fastest"
+        )),
+        [all @ .., last] => {
+            Some(format!("move {} and {last}, each by itself, with a multisine or a doublet", all.join(", ")))
+        }
     }
-    if let Some((axis, ..)) = axes.iter().find(|(_, plate, _)| names.len() > 1 && has(&[plate])) {
-        return Some(format!(
-            "move the {axis} swash-plate faster than the rotor follows: short steps, 3-2-1-1 or a multisine"
-        ));
-    }
-    if let Some((axis, ..)) = axes.iter().find(|(_, plate, follow)| has(&[plate]) || has(follow)) {
-        return Some(format!(
-            "move the {axis} swash-plate with a multisine from slow, as the fly-bar, to fast, as the rotor"
-        ));
-    }
-    let yaw = "turn about the vertical with a doublet of the rotors' speed difference";
-    has(&["r"]).then(|| yaw.to_owned())
 }

@@ -41,9 +41,9 @@ pub fn fly(mut setup: Setup<'_>) -> Result<FlightSummary, LiveError> {
     let trackers = (0..cameras).map(tracker).collect::<Result<Vec<_>, _>>()?;
     let pipeline = LivePipeline::new(setup.rig, setup.vehicle, &clocks)?;
     let motion = MotionFilter::new(setup.noise.take(), setup.vehicle.environment.gravity_m_s2)?;
-    let (inputs, model, enough) = (setup.inputs.take(), setup.model.take(), setup.enough);
-    let parameters =
-        inputs.map(|inputs| Parameters::start(inputs, setup.vehicle.clone(), model, enough)).transpose()?;
+    let (inputs, equations, enough) = (setup.inputs.take(), setup.equations.take(), setup.enough);
+    let start = |inputs| Parameters::start(inputs, setup.vehicle.clone(), equations, enough);
+    let parameters = inputs.map(start).transpose()?;
     let mut flying = Vec::with_capacity(cameras);
     for (k, (own, tracker)) in own.into_iter().zip(trackers).enumerate() {
         flying.push(Camera::start(k, own, setup.rig.cameras[k].camera.size, tracker, &shared)?);

@@ -5,7 +5,7 @@ use crate::queue::{Queue, locked};
 use crate::worker::Worker;
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_identify::{
-    Bandwidth, CoefficientTable, Model, Options, Output, RecursiveLeastSquares, coefficients,
+    Bandwidth, CoefficientTable, EquationFile, Options, Output, RecursiveLeastSquares, coefficients,
     independent_columns,
 };
 use mavsight_link::{Event, Parameter};
@@ -14,8 +14,8 @@ use std::sync::{Arc, Mutex};
 
 const WINDOW_S: f64 = 16.0;
 /// Rows of a window are used from this time after its beginning, except in the flight's first window:
-/// flapping is integrated from trim, and the error of that start decays within three time constants of the
-/// fly-bar.
+/// states that follow rates are integrated from trim, and the error of that start decays within three time
+/// constants of the slowest, such as a fly-bar.
 const WARM_UP_S: f64 = 10.0;
 const EVERY_S: f64 = 1.0;
 /// Half width of a 95 % interval in standard deviations.
@@ -52,12 +52,12 @@ impl Parameters {
     pub(crate) fn start(
         inputs: Box<dyn InputSource>,
         vehicle: Vehicle,
-        model: Option<Model>,
+        equations: Option<EquationFile>,
         enough: f64,
     ) -> Result<Self, LiveError> {
         let latest = Arc::new(Mutex::new(None));
         let out = Arc::clone(&latest);
-        let mut work = Work::new(inputs, vehicle, model, enough);
+        let mut work = Work::new(inputs, vehicle, equations, enough);
         let run = move |sample: Option<PoseSample>| {
             if let Some(event) = sample.and_then(|sample| work.push(sample)) {
                 *locked(&out) = Some(event);
@@ -106,11 +106,16 @@ fn seconds(sample: Option<&PoseSample>) -> f64 {
 }
 
 impl Work {
-    fn new(inputs: Box<dyn InputSource>, vehicle: Vehicle, model: Option<Model>, enough: f64) -> Self {
+    fn new(
+        inputs: Box<dyn InputSource>,
+        vehicle: Vehicle,
+        equations: Option<EquationFile>,
+        enough: f64,
+    ) -> Self {
         Self {
             inputs,
             vehicle,
-            options: Options { model, bandwidth: Bandwidth::Smoother, ..Options::default() },
+            options: Options { equations, bandwidth: Bandwidth::Smoother, ..Options::default() },
             enough,
             window: Vec::new(),
             is_first: true,
@@ -225,12 +230,12 @@ mod tests {
     use mavsight_geometry::{Matrix6, Vector3, world_from_body};
     use mavsight_identify::{Estimator, FitOptions, identify_with};
     use mavsight_pose::PoseEstimate;
-    use mavsight_simulator::{Channel, Maneuver, Scenario, simulate};
+    use mavsight_simulator::{Maneuver, Scenario, simulate};
 
     /// Poses of a simulated flight, a tenth of a millimetre and of a milliradian off.
     fn flight() -> (Vec<PoseSample>, InputSeries) {
         let doublet = |start_s: f64| Maneuver::Doublet {
-            channel: Channel::DeltaLon,
+            channel: "delta_lon".to_owned(),
             start_s,
             pulse_s: 0.4,
             amplitude: -4.0,
@@ -241,8 +246,8 @@ mod tests {
             ..Scenario::paper()
         };
         let inputs = scenario.inputs(&Vehicle::paper()).unwrap();
-        let states =
-            simulate(&Vehicle::paper(), &inputs, &scenario.start(), &scenario.frame_times_s()).unwrap();
+        let start = scenario.start(&Vehicle::paper()).unwrap();
+        let states = simulate(&Vehicle::paper(), &inputs, &start, &scenario.frame_times_s()).unwrap();
         let mut random = mavsight_random::Random::new(3, 0);
         let mut noise = || 1e-4 * random.normal();
         let sample = |s: &mavsight_simulator::FlightState| {

@@ -79,8 +79,8 @@ pub struct Setup<'a> {
     pub recorder: Arc<RecorderSlot>,
     /// Recorded or commanded inputs, for the parameters.
     pub inputs: Option<Box<dyn InputSource>>,
-    /// Model of the parameters; equation 3 where left out.
-    pub model: Option<mavsight_identify::Model>,
+    /// Equations in place of those of the vehicle's model.
+    pub equations: Option<mavsight_identify::EquationFile>,
     /// Ratio of an interval's half width to its value that is small enough.
     pub enough: f64,
     /// Ends the flight when it is set.

@@ -182,7 +182,7 @@ pub(crate) struct Identify {
     /// Vehicle file
     #[arg(long, value_name = "FILE")]
     pub(crate) vehicle: PathBuf,
-    /// Output equations; those of equation 3 where left out
+    /// Equations in place of those of the vehicle's model, or another flight model
     #[arg(long, value_name = "FILE")]
     pub(crate) model: Option<PathBuf>,
     /// Estimators, of ols, wls, tls, gtls, fd, and oe for output error from poses [default: ols,tls,gtls,

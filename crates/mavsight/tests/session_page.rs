@@ -6,7 +6,7 @@
 
 use assert_cmd::Command;
 use mavsight_flight::Vehicle;
-use mavsight_identify::Model;
+use mavsight_identify::OutputEquations;
 use mavsight_plan::Room;
 use mavsight_score::CampaignFile;
 use mavsight_session::tables::{read_control_pixels, read_control_points, read_inputs};
@@ -163,7 +163,7 @@ fn the_page_has_every_key_and_word_of_the_parsers() {
     let pages = pages();
     compare("session.toml", &pages["session.toml"], &by_type::<SessionFile>);
     compare("vehicle.toml", &pages["vehicle.toml"], &by_type::<Vehicle>);
-    compare("model.toml", &pages["model.toml"], &by_type::<Model>);
+    compare("model.toml", &pages["model.toml"], &by_type::<OutputEquations>);
     compare("staging.toml", &pages["staging.toml"], &by_type::<Staging>);
     compare("room.toml", &pages["room.toml"], &by_type::<Room>);
     compare("campaign.toml", &pages["campaign.toml"], &by_type::<CampaignFile>);
@@ -233,7 +233,7 @@ fn the_page_has_every_column_of_the_tables() {
     assert_eq!(columns(&page.example), page.keys[""]);
 
     let (page, path) = file("inputs.csv");
-    let inputs = read_inputs(&path).expect("inputs");
+    let inputs = read_inputs(&path, &Vehicle::paper()).expect("inputs");
     write_inputs(&folder.path().join("own.csv"), &inputs).expect("written");
     assert_eq!(written("own.csv"), columns(&page.example));
     assert!(page.keys[""].is_subset(&written("own.csv")));

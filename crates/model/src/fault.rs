@@ -187,6 +187,9 @@ pub enum Fault {
         /// The most that is read.
         most: usize,
     },
+    /// An equation for regression whose coefficients are all known.
+    #[error("equation {0} has no free regressor: add one, or take one out of `fixed`")]
+    NothingFree(String),
     /// A model without effect.
     #[error("the model has no force and no moment: give [forces] or [moments]")]
     Empty,

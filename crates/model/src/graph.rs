@@ -111,6 +111,11 @@ impl Graph {
         })
     }
 
+    /// An operation on other operands.
+    pub(crate) fn again(&mut self, operation: Operation, operand: impl FnMut(Node) -> Node) -> Node {
+        self.make(operation.with_operands(operand))
+    }
+
     pub(crate) fn add(&mut self, a: Node, b: Node) -> Node {
         self.make(Operation::Add(a, b))
     }

@@ -14,6 +14,7 @@ mod lower;
 mod model;
 mod program;
 mod read;
+pub mod regression;
 mod rigid_body;
 mod shelf;
 mod start;

@@ -9,7 +9,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 /// An input of the aircraft.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Input {
     /// Name in expressions.
     pub name: String,
@@ -208,6 +208,7 @@ pub(crate) struct Nodes {
     pub(crate) value_order: Vec<usize>,
     pub(crate) derived: Vec<Node>,
     pub(crate) sensors: Vec<Node>,
+    pub(crate) definitions: Vec<(String, Node)>,
     pub(crate) scales: Vec<Node>,
     pub(crate) regressors: Vec<Vec<Node>>,
     pub(crate) places: Places,

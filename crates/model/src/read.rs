@@ -8,7 +8,7 @@ use crate::fault::{Fault, ModelError};
 use crate::graph::{Node, Variable};
 use crate::lower::{ACCELERATIONS, Lower};
 use crate::model::{Axis, Equation, Model, Nodes, Origin, Parameter};
-use crate::rigid_body::{BODY_PARAMETERS, Load, RigidBody, unit_of};
+use crate::rigid_body::{BODY_PARAMETERS, Load, RIGID_STATES, RigidBody, unit_of};
 use crate::unit::Unit;
 use entries::{Declared, declare};
 use toml::de::DeTable;
@@ -38,11 +38,14 @@ const EQUATION: &str = "equation";
 #[derive(Debug, Clone, Copy)]
 struct Allowed {
     inputs: bool,
+    /// Those beyond the rigid body's.
     states: bool,
     words: &'static str,
 }
 
 const PARAMETERS: Allowed = Allowed { inputs: false, states: false, words: "may use parameters alone" };
+const DRIVEN: Allowed =
+    Allowed { inputs: true, states: true, words: "may use inputs, further states and parameters alone" };
 const INPUTS: Allowed = Allowed { inputs: true, states: false, words: "may use inputs and parameters alone" };
 
 impl Model {
@@ -118,7 +121,7 @@ impl<'a> Reading<'a> {
     fn model(mut self, root: &Section<'a>) -> Result<Model, ModelError> {
         let name = root.require("name")?.string()?;
         let (origin, text) = (root.string("source")?, root.string("text")?);
-        let definitions = self.lower.finish_definitions()?;
+        self.nodes.definitions = self.lower.finish_definitions()?;
         let force = self.load(root, "forces", Unit::KILOGRAM.times(Unit::METRE))?;
         let moment = self.load(root, "moments", Unit::KILOGRAM.times(Unit::METRE.to_the(2.0)))?;
         if force.is_none() && moment.is_none() {
@@ -155,7 +158,7 @@ impl<'a> Reading<'a> {
             origin: Origin::new(self.lower.source.file, self.lower.source.text),
         };
         check::derivatives_are_few(&model, self.lower.source)?;
-        check::every_parameter_is_used(&model, &self.declared.parameters, &definitions, self.lower.source)?;
+        check::every_parameter_is_used(&model, &self.declared.parameters, self.lower.source)?;
         Ok(model)
     }
 
@@ -230,7 +233,7 @@ impl<'a> Reading<'a> {
     ) -> Result<Node, ModelError> {
         let node = self.lower.expression(what, text, unit)?;
         let wrong = self.lower.graph.variables(&[node]).into_iter().find(|variable| match variable {
-            Variable::State(_) => !allowed.states,
+            Variable::State(k) => *k < RIGID_STATES || !allowed.states,
             Variable::Input(_) => !allowed.inputs,
             Variable::Parameter(_) => false,
         });
@@ -307,10 +310,16 @@ impl<'a> Reading<'a> {
     }
 
     fn equations(&mut self, root: &Section<'a>) -> Result<Vec<Equation>, ModelError> {
-        entries::sections_of(root, EQUATION, "[[equation]]", self.lower.source)?
-            .iter()
-            .map(|section| self.equation(section))
-            .collect()
+        let mut out: Vec<Equation> = Vec::new();
+        for section in entries::sections_of(root, EQUATION, "[[equation]]", self.lower.source)? {
+            let equation = self.equation(&section)?;
+            if out.iter().any(|other| other.name == equation.name) {
+                let what = "an equation".to_owned();
+                return self.lower.source.fault(section.at, Fault::Taken { name: equation.name, what });
+            }
+            out.push(equation);
+        }
+        Ok(out)
     }
 
     fn equation(&mut self, section: &Section<'a>) -> Result<Equation, ModelError> {
@@ -333,7 +342,7 @@ impl<'a> Reading<'a> {
         };
         let what = format!("the scale of {name}");
         let scale = match section.expression("scale")? {
-            Some(text) => self.lower.expression(&what, &text, None)?,
+            Some(text) => self.restricted(&what, &text, None, DRIVEN)?,
             None => self.lower.graph.constant(1.0),
         };
         let regressors = section.require("regressors")?;
@@ -345,6 +354,10 @@ impl<'a> Reading<'a> {
         let names: Vec<String> = texts.iter().map(|t| t.text.trim().to_owned()).collect();
         let nodes: Result<Vec<Node>, ModelError> =
             texts.iter().map(|text| self.lower.expression("a regressor", text, None)).collect();
+        if let Some((k, twice)) = names.iter().enumerate().find(|(k, name)| names[..*k].contains(name)) {
+            let (name, what) = (twice.clone(), format!("a regressor of {name}"));
+            return source.fault(texts[k].at, Fault::Taken { name, what });
+        }
         let mut fixed = Vec::new();
         if let Some(entry) = section.get("fixed") {
             for value in entry.section(format!("`fixed` of {name}"))?.entries() {
@@ -356,15 +369,21 @@ impl<'a> Reading<'a> {
                 fixed.push((k, value.number()?));
             }
         }
-        let when = section.get("when");
-        let where_excited = when.is_some();
-        if let Some(when) = when
-            && when.string()? != "excited"
-        {
-            let (key, wanted, found) =
-                ("when".to_owned(), "\"excited\"", format!("`{}`", shown(&when.string()?)));
-            return source.fault(when.at, Fault::Kind { key, wanted, found });
+        if fixed.len() >= names.len() {
+            return source.fault(regressors.at, Fault::NothingFree(name));
         }
+        let where_excited = match section.get("when") {
+            None => false,
+            Some(entry) => match entry.string()?.as_str() {
+                "excited" => true,
+                "always" => false,
+                _ => {
+                    let (key, wanted) = ("when".to_owned(), "always or excited");
+                    let found = format!("`{}`", shown(&entry.string()?));
+                    return source.fault(entry.at, Fault::Kind { key, wanted, found });
+                }
+            },
+        };
         section.finish()?;
         self.nodes.scales.push(scale);
         self.nodes.regressors.push(nodes?);

@@ -15,7 +15,7 @@ use std::cell::RefCell;
 /// What a user may choose of identification.
 #[derive(Debug, Clone, Default)]
 pub struct IdentifyOptions {
-    /// Model, low-pass and window.
+    /// Equations, low-pass and window.
     pub table: Options,
     /// Estimators, band and what is held out.
     pub fit: FitOptions,
@@ -103,7 +103,7 @@ pub fn systematic_columns(tracked: &Tracked) -> Vec<(usize, Matrix6xX<f32>)> {
 /// are held.
 ///
 /// # Errors
-/// Inputs that do not cover the flight, a model with an unknown signal, or a fit without a determined answer.
+/// Inputs that do not cover the flight, equations that are none, or a fit without a determined answer.
 pub fn identify_motion(
     motion: &Motion,
     inputs: &InputSeries,
@@ -128,7 +128,7 @@ pub fn identify_motion(
     let mut whole: Option<CoefficientTable> = None;
     let mut identification = Identification::default();
     // One equation after the other: only its fits read the errors of its rows.
-    for equation in options.table.by_equation()? {
+    for equation in options.table.by_equation(vehicle)? {
         let mut table = coefficients(motion, inputs, vehicle, &equation)?;
         if options.stepwise {
             table = choose_structure(&table)?.0;

@@ -6,9 +6,9 @@ use crate::files::read_toml;
 use crate::session_file::{SessionCamera, SessionFile, is_empty, validate};
 use crate::video::{FrameSource, find_clap, is_pattern};
 use crate::{SessionError, read_image, read_rig, tables};
-use mavsight_flight::{InputSeries, Vehicle};
+use mavsight_flight::{InputSeries, Vehicle, VehicleFile};
 use mavsight_geometry::{CAMERA_PARAMETERS, ImageSize};
-use mavsight_identify::Model;
+use mavsight_identify::EquationFile;
 use mavsight_link::LiveSection;
 use mavsight_pipeline::{Clap, ControlPixel, ControlPointRow};
 use mavsight_pose::Rig;
@@ -24,7 +24,7 @@ pub struct Session {
     pub path: PathBuf,
     /// What it says, with whole paths; at least two cameras.
     pub file: SessionFile,
-    /// The vehicle, validated.
+    /// The vehicle, validated, with the flight model that the session names in place of the vehicle's.
     pub vehicle: Vehicle,
 }
 
@@ -42,7 +42,13 @@ impl Session {
                 require_file(named, &format!("{key} in {}", path.display()))?;
             }
         }
-        Ok(Self { path: path.to_owned(), file, vehicle })
+        let mut session = Self { path: path.to_owned(), file, vehicle };
+        if let Some(equations @ EquationFile::Model(_)) = session.equations()? {
+            session.vehicle = equations.vehicle(&session.vehicle);
+            let validated = session.vehicle.validate();
+            validated.map_err(|source| SessionError::content(&session.file.vehicle, source))?;
+        }
+        Ok(session)
     }
 
     /// The cameras, in the order of the file.
@@ -110,7 +116,7 @@ impl Session {
     /// Reads the inputs; none where the session has no table of them.
     pub fn inputs(&self) -> Result<Option<InputSeries>, SessionError> {
         let path = Some(&self.file.inputs).filter(|path| !is_empty(path));
-        path.map(|path| tables::read_inputs(path)).transpose()
+        path.map(|path| tables::read_inputs(path, &self.vehicle)).transpose()
     }
 
     /// Reads the control points; none where the session has no table of them.
@@ -130,9 +136,9 @@ impl Session {
         tables::read_control_pixels(path, &cameras, &names).map(Some)
     }
 
-    /// Reads the output equations, where the session names them.
-    pub fn model(&self) -> Result<Option<Model>, SessionError> {
-        self.file.model.as_deref().map(load_model).transpose()
+    /// Reads the equations in place of those of the vehicle's model, where the session names them.
+    pub fn equations(&self) -> Result<Option<EquationFile>, SessionError> {
+        self.file.model.as_deref().map(load_equations).transpose()
     }
 
     /// The rig that the session names in place of a calibration, its cameras in the session's order; `None`
@@ -202,21 +208,26 @@ fn open_film(camera: &SessionCamera, path: &Path) -> Result<FrameSource, Session
     })
 }
 
-/// Reads a model file. Whether its signals exist is seen when it is used.
+/// Reads a file of equations: output equations (schema 1), of which it is seen when they are used whether
+/// their signals exist, or a flight model (schema 2).
 ///
 /// # Errors
 /// Names the file and the line or key.
-pub fn load_model(path: &Path) -> Result<Model, SessionError> {
+pub fn load_equations(path: &Path) -> Result<EquationFile, SessionError> {
     let text = read_text(path, "model file")?;
-    Model::parse(&text).map_err(|source| SessionError::content(path, source))
+    let file = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+    EquationFile::parse(&file, &text).map_err(|source| SessionError::content(path, source))
 }
 
-/// Reads and validates a vehicle file.
+/// Reads and validates a vehicle file, and the model file that it names.
 ///
 /// # Errors
 /// Names the file and the line or key.
 pub fn load_vehicle(path: &Path) -> Result<Vehicle, SessionError> {
-    let vehicle: Vehicle = read_toml(path, "vehicle file")?;
+    let file: VehicleFile = read_toml(path, "vehicle file")?;
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let read = |name: &str| read_text(&folder.join(name), "model file").map_err(|e| e.to_string());
+    let vehicle = file.vehicle(read).map_err(|source| SessionError::content(path, source))?;
     vehicle.validate().map_err(|source| SessionError::content(path, source))?;
     Ok(vehicle)
 }

@@ -27,7 +27,7 @@ pub struct SessionFile {
     pub inputs: PathBuf,
     /// Table of truth, for scoring only.
     pub truth: Option<PathBuf>,
-    /// Output equations to fit; those of equation 3 where left out.
+    /// Equations to fit in place of those of the vehicle's model, or another flight model.
     pub model: Option<PathBuf>,
     /// Calibration by control points; may be left out where a wand or a board links the cameras.
     pub control: Option<ControlSection>,

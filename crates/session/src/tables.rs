@@ -2,7 +2,7 @@
 
 use crate::SessionError;
 use crate::table::{Table, write_csv};
-use mavsight_flight::{Color, HelicopterInput, InputSeries};
+use mavsight_flight::{Color, InputSeries, Vehicle};
 use mavsight_pipeline::{ControlPixel, ControlPointRow};
 use std::path::Path;
 
@@ -14,14 +14,14 @@ const CONTROL_COLUMNS: [&str; 6] = ["name", "x_m", "y_m", "z_m", "diameter_m", "
 /// Column of the control points that may be left out.
 const SURVEY_COLUMN: &str = "std_m";
 
-/// Reads `t_s` and every other column that holds numbers alone. A table with any of the helicopter's columns
-/// ([`HelicopterInput::COLUMNS`]), or with no other column, must have them all.
+/// Reads `t_s` and every other column that holds numbers alone. A table with any of the columns that the
+/// vehicle's model reads ([`Vehicle::input_columns`]), or with no other column, must have them all.
 ///
 /// # Errors
 /// Those of [`read_inputs_with`].
-pub fn read_inputs(path: &Path) -> Result<InputSeries, SessionError> {
+pub fn read_inputs(path: &Path, vehicle: &Vehicle) -> Result<InputSeries, SessionError> {
     let table = Table::read(path, "inputs")?;
-    let own = HelicopterInput::COLUMNS;
+    let own = vehicle.input_columns();
     let is_other = |name: &str| !name.is_empty() && name != TIME_COLUMN;
     let other_alone = table.names().any(is_other) && !table.names().any(|name| own.contains(&name));
     inputs_of(&table, if other_alone { &[] } else { &own }, path)

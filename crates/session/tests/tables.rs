@@ -9,7 +9,7 @@ use mavsight_flight::{HelicopterInput, InputSeries, Vehicle};
 use mavsight_pipeline::{ControlPointRow, Refinement};
 use mavsight_session::tables::{read_control_pixels, read_control_points, read_inputs, read_inputs_with};
 use mavsight_session::{
-    ControlSection, Session, SessionCamera, SessionFile, load_model, load_vehicle, write_control_points,
+    ControlSection, Session, SessionCamera, SessionFile, load_equations, load_vehicle, write_control_points,
     write_inputs, write_toml,
 };
 use std::path::PathBuf;
@@ -227,7 +227,9 @@ fn a_nan_in_row_17_is_found() {
         let mut cells: Vec<&str> = lines[17].split(',').collect();
         cells[3] = bad;
         lines[17] = cells.join(",");
-        let error = read_inputs(&folder.write("spoilt.csv", lines.join("\n"))).unwrap_err().to_string();
+        let error = read_inputs(&folder.write("spoilt.csv", lines.join("\n")), &Vehicle::paper())
+            .unwrap_err()
+            .to_string();
         has(&error, &["spoilt.csv", "row 17", "line 18", "delta_lon_rad"]);
     }
 }
@@ -235,7 +237,9 @@ fn a_nan_in_row_17_is_found() {
 #[test]
 fn tables_that_are_none_are_refused() {
     let folder = Folder::new();
-    let read = |content: &str| read_inputs(&folder.write("t.csv", content)).unwrap_err().to_string();
+    let read = |content: &str| {
+        read_inputs(&folder.write("t.csv", content), &Vehicle::paper()).unwrap_err().to_string()
+    };
     let header = "t_s,omega_u_rad_s,omega_l_rad_s,delta_lon_rad,delta_lat_rad";
     has(
         &read("t_s,omega_u_rad_s,omega_l_rad_s,delta_long_rad,delta_lat_rad\n0,1,1,0,0\n"),
@@ -247,7 +251,8 @@ fn tables_that_are_none_are_refused() {
     has(&read(&format!("{header}\n0,1,1,0,0\n0,1,1,0,0\n")), &["t.csv", "row 2"]);
     let reordered =
         "delta_lat_rad, t_s ,omega_u_rad_s,note,omega_l_rad_s,delta_lon_rad\n5,0,1,x,2,3\n6,1,1,,2,3\n";
-    let series = read_inputs(&folder.write("t.csv", format!("\u{feff}{reordered}"))).unwrap();
+    let series =
+        read_inputs(&folder.write("t.csv", format!("\u{feff}{reordered}")), &Vehicle::paper()).unwrap();
     assert_eq!((series.times_s()[1], series.column("delta_lat_rad").unwrap()[1]), (1.0, 6.0));
 }
 
@@ -271,13 +276,13 @@ fn control_tables_are_checked() {
 #[test]
 fn every_column_of_numbers_is_an_input() {
     let folder = Folder::new();
-    let read = |content: &str| read_inputs(&folder.write("t.csv", content));
+    let read = |content: &str| read_inputs(&folder.write("t.csv", content), &Vehicle::paper());
     let own = "t_s,omega_u_rad_s,omega_l_rad_s,delta_lon_rad,delta_lat_rad";
     let series = read(&format!("{own},aileron,remark\n0,1,2,3,4,0.5,go\n1,1,2,3,4,0.7,\n")).unwrap();
     assert_eq!(series.names().len(), 5, "words are no input");
     assert_eq!((series.names()[4].as_str(), series.row(1)[4]), ("aileron", 0.7));
     write_inputs(&folder.path("again.csv"), &series).unwrap();
-    assert_eq!(read_inputs(&folder.path("again.csv")).unwrap(), series);
+    assert_eq!(read_inputs(&folder.path("again.csv"), &Vehicle::paper()).unwrap(), series);
     // Another aircraft's table has none of the helicopter's columns.
     let series = read("t_s,omega_1,omega_2\n0,1,2\n0.5,3,4\n").unwrap();
     assert_eq!((series.names().len(), series.column("omega_2").unwrap()), (2, vec![2.0, 4.0]));
@@ -301,9 +306,9 @@ fn every_column_of_numbers_is_an_input() {
 #[test]
 fn a_model_file_is_named_when_it_is_wrong() {
     let folder = Folder::new();
-    let model = folder.write("model.toml", "schema = 2\nname = \"m\"\noutput = []");
-    let error = load_model(&model).unwrap_err().to_string();
-    assert!(error.contains("model.toml") && error.contains("schema is 2"), "{error}");
-    let error = load_model(&folder.path("none.toml")).unwrap_err().to_string();
+    let model = folder.write("model.toml", "schema = 3\nname = \"m\"\noutput = []");
+    let error = load_equations(&model).unwrap_err().to_string();
+    assert!(error.contains("model.toml") && error.contains("schema is 3"), "{error}");
+    let error = load_equations(&folder.path("none.toml")).unwrap_err().to_string();
     assert!(error.contains("none.toml"), "{error}");
 }

@@ -1,10 +1,10 @@
 //! Flights of the simulated aircraft, as exact motion and as noisy poses behind the smoother.
 
-use mavsight_flight::{InputSeries, Vehicle, hover_rotor_speed_rad_s};
+use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::{UnitQuaternion, Vector3, world_from_body};
 use mavsight_pose::{Motion, MotionSample, PoseEstimate, PoseSample, smooth};
 use mavsight_random::Random;
-use mavsight_simulator::{Channel, FlightState, Maneuver, Scenario, model_coefficients, simulate};
+use mavsight_simulator::{FlightState, Maneuver, Scenario, simulate, true_values};
 use nalgebra::{Matrix6, Translation3};
 
 pub(crate) struct Flown {
@@ -15,17 +15,18 @@ pub(crate) struct Flown {
 
 pub(crate) fn fly(scenario: &Scenario, vehicle: Vehicle) -> Flown {
     let inputs = scenario.inputs(&vehicle).expect("inputs");
-    let states = simulate(&vehicle, &inputs, &scenario.start(), &scenario.frame_times_s()).expect("a flight");
+    let start = scenario.start(&vehicle).expect("a start");
+    let states = simulate(&vehicle, &inputs, &start, &scenario.frame_times_s()).expect("a flight");
     Flown { vehicle, inputs, states }
 }
 
 /// A multisine of its own harmonics on each named channel, so that no input is another's combination.
-pub(crate) fn multisine(channels: &[(Channel, f64)]) -> Scenario {
+pub(crate) fn multisine(channels: &[(&str, f64)]) -> Scenario {
     let maneuver = channels
         .iter()
         .enumerate()
         .map(|(k, (channel, amplitude))| Maneuver::Multisine {
-            channel: *channel,
+            channel: (*channel).to_owned(),
             start_s: 0.0,
             length_s: 10.0,
             harmonics: (0..8).map(|i| 2 + k as u32 + 4 * i).collect(),
@@ -57,12 +58,38 @@ regressors = ["1", "kappa_u*alpha_u", "kappa_l*alpha_l", "q"]
 "#;
 
 pub(crate) fn longitudinal_multisine() -> Scenario {
-    multisine(&[(Channel::DeltaLon, 3.0), (Channel::OmegaU, 2.0), (Channel::OmegaL, 2.0)])
+    multisine(&[("delta_lon", 3.0), ("omega_u", 2.0), ("omega_l", 2.0)])
+}
+
+/// Coefficients of the simulation, as equation 3 has them.
+pub(crate) struct Coefficients {
+    pub(crate) cx_alpha_u: f64,
+    pub(crate) cx_alpha_l: f64,
+    pub(crate) cz_hover: f64,
+    pub(crate) cm_alpha_u: f64,
+    pub(crate) cm_alpha_l: f64,
+    pub(crate) cm_q: f64,
+    pub(crate) cn_l: f64,
+}
+
+impl Coefficients {
+    pub(crate) fn of(vehicle: &Vehicle) -> Self {
+        let truth = true_values(vehicle);
+        Self {
+            cx_alpha_u: truth["C_X,alpha_u"],
+            cx_alpha_l: truth["C_X,alpha_l"],
+            cz_hover: truth["C_Z,u"] + truth["C_Z,l"],
+            cm_alpha_u: truth["C_m,alpha_u"] + truth["C_m,hub"],
+            cm_alpha_l: truth["C_m,alpha_l"] + truth["C_m,hub"],
+            cm_q: truth["C_m,q"],
+            cn_l: truth["C_n,l"],
+        }
+    }
 }
 
 /// What the model of [`PRODUCTS`] is in truth, by output and parameter.
 pub(crate) fn multisine_truth(vehicle: &Vehicle) -> [(&'static str, &'static str, f64); 7] {
-    let c = model_coefficients(vehicle, hover_rotor_speed_rad_s(vehicle));
+    let c = Coefficients::of(vehicle);
     [
         ("C_X", "kappa_u*alpha_u", c.cx_alpha_u),
         ("C_X", "kappa_l*alpha_l", c.cx_alpha_l),

@@ -5,20 +5,24 @@ mod clocks;
 mod coverage;
 mod tally;
 
-use aircraft::{Flown, PRODUCTS, fly, longitudinal_multisine, multisine};
-use mavsight_flight::{FlightError, HelicopterInput, Vehicle, hover_rotor_speed_rad_s};
+use aircraft::{Coefficients, Flown, PRODUCTS, fly, longitudinal_multisine, multisine};
+use mavsight_flight::{FlightError, InputSeries, Vehicle};
 use mavsight_identify::{
-    Band, Bandwidth, CoefficientTable, Estimator, FitOptions, Identification, IdentifyError, Model, Options,
-    choose_structure, coefficients, identify, identify_with,
+    Band, Bandwidth, CoefficientTable, EquationFile, Estimator, FitOptions, Identification, IdentifyError,
+    Options, choose_structure, coefficients, identify, identify_with,
 };
 use mavsight_pose::smooth;
 use mavsight_random::Random;
-use mavsight_simulator::{Channel, Maneuver, Scenario, model_coefficients};
+use mavsight_simulator::{Maneuver, Scenario};
+
+fn equations_of(text: &str) -> EquationFile {
+    EquationFile::parse("equations.toml", text).expect("equations")
+}
 
 /// Options without any low-pass, for motion that has passed none.
-fn unfiltered(model: Option<&str>) -> Options {
-    let model = model.map(|text| Model::parse(text).expect("a model"));
-    Options { model, bandwidth: Bandwidth::Smoother, ..Options::default() }
+fn unfiltered(equations: Option<&str>) -> Options {
+    let equations = equations.map(equations_of);
+    Options { equations, bandwidth: Bandwidth::Smoother, ..Options::default() }
 }
 
 fn table_of(flown: &Flown, options: &Options) -> CoefficientTable {
@@ -54,7 +58,7 @@ fn the_papers_manoeuvre_determines_flapping_but_not_thrust() {
     assert_eq!(names, ["C_X", "C_Z", "C_m"]);
     assert_eq!(table.not_excited, ["C_Y", "C_l", "C_n"]);
     let found = identify(&table).expect("fits");
-    let c = model_coefficients(&flown.vehicle, hover_rotor_speed_rad_s(&flown.vehicle));
+    let c = Coefficients::of(&flown.vehicle);
     let truth = [
         ("C_X", "alpha_u", c.cx_alpha_u),
         ("C_X", "alpha_l", c.cx_alpha_l),
@@ -75,7 +79,7 @@ fn the_papers_manoeuvre_determines_flapping_but_not_thrust() {
         let wanted = format!("{output},0 + 4.6311·{output},T_u + 3.2121·{output},T_l");
         assert_eq!(fit.combinations[0].text, wanted);
         assert!(fit.verdict.contains(&wanted), "{}", fit.verdict);
-        assert!(fit.verdict.contains("move the rotor speeds, each by itself"), "{}", fit.verdict);
+        assert!(fit.verdict.contains("move omega_l and omega_u, each by itself"), "{}", fit.verdict);
         assert_eq!(fit.verdict.contains("T_u·h_u + hub stiffness"), output == "C_m", "{}", fit.verdict);
     }
     let hover = &found.fit("C_Z", Estimator::LeastSquares).expect("a fit").combinations[0];
@@ -119,7 +123,7 @@ fn noise_does_not_change_which_thrusts_are_determined() {
 #[test]
 fn moved_rotor_speeds_determine_thrust_as_well() {
     let flown = fly(&longitudinal_multisine(), Vehicle::paper());
-    let c = model_coefficients(&flown.vehicle, hover_rotor_speed_rad_s(&flown.vehicle));
+    let c = Coefficients::of(&flown.vehicle);
     let found = identify(&table_of(&flown, &unfiltered(Some(PRODUCTS)))).expect("fits");
     let truth = [
         ("C_X", "kappa_u*alpha_u", c.cx_alpha_u),
@@ -148,20 +152,20 @@ fn moved_rotor_speeds_determine_thrust_as_well() {
 
 #[test]
 fn lateral_axes_come_out_where_they_are_excited() {
-    let scenario = multisine(&[(Channel::DeltaLat, 2.0), (Channel::OmegaU, 1.0), (Channel::OmegaL, 1.0)]);
+    let scenario = multisine(&[("delta_lat", 2.0), ("omega_u", 1.0), ("omega_l", 1.0)]);
     let flown = fly(&scenario, Vehicle::paper());
     let table = table_of(&flown, &unfiltered(None));
     assert!(table.not_excited.is_empty(), "{:?}", table.not_excited);
     let found = identify(&table).expect("fits");
     let v = &flown.vehicle;
-    let c = model_coefficients(v, hover_rotor_speed_rad_s(v));
+    let c = Coefficients::of(v);
     // C_Y mirrors C_X, C_l mirrors C_m; yaw has the rotors' torque, 2 C_Q, and damping.
     let truth = [
         ("C_Y", "beta_u", -c.cx_alpha_u),
         ("C_Y", "beta_l", -c.cx_alpha_l),
         ("C_l", "beta_u", c.cm_alpha_u),
         ("C_l", "beta_l", c.cm_alpha_l),
-        ("C_n", "kappa_d", 2.0 * v.assumption.torque_coefficient_upper),
+        ("C_n", "kappa_d", c.cn_l),
     ];
     assert_values(&found, &truth, 0.03);
     // A flight along x alone, seen with the noise of cameras, does not show them.
@@ -174,9 +178,8 @@ fn lateral_axes_come_out_where_they_are_excited() {
 #[test]
 fn every_estimator_finds_the_noisy_flight() {
     let flown = fly(&longitudinal_multisine(), Vehicle::paper());
-    let c = model_coefficients(&flown.vehicle, hover_rotor_speed_rad_s(&flown.vehicle));
-    let model = Some(Model::parse(PRODUCTS).expect("a model"));
-    let options = Options { model, ..Options::default() };
+    let c = Coefficients::of(&flown.vehicle);
+    let options = Options { equations: Some(equations_of(PRODUCTS)), ..Options::default() };
     let motion = flown.noisy_motion(&mut Random::new(17, 0));
     let table = coefficients(&motion, &flown.inputs, &flown.vehicle, &options).expect("a table");
     let choice = FitOptions {
@@ -209,7 +212,7 @@ fn every_estimator_finds_the_noisy_flight() {
 #[test]
 fn known_coefficients_are_kept_and_the_rest_is_fitted() {
     let flown = fly(&Scenario::paper(), Vehicle::paper());
-    let c = model_coefficients(&flown.vehicle, hover_rotor_speed_rad_s(&flown.vehicle));
+    let c = Coefficients::of(&flown.vehicle);
     let text = format!(
         "schema = 1\nname = \"one free\"\n[[output]]\nname = \"C_X\"\nmeasured = \"force_x\"\nscale = \"rotor\"\n\
          regressors = [\"1\", \"alpha_u\", \"alpha_l\"]\nfixed = {{ alpha_l = {} }}",
@@ -265,7 +268,7 @@ fn a_gap_in_the_poses_is_left_out() {
     assert!(left_out > 10, "{left_out} of 15 instants in the gap are left out");
     assert!(rows.len() > 200, "{} instants are left", rows.len());
     let found = identify(&table).expect("fits");
-    let c = model_coefficients(&flown.vehicle, hover_rotor_speed_rad_s(&flown.vehicle));
+    let c = Coefficients::of(&flown.vehicle);
     let got = value(&found, "C_m", Estimator::TotalLeastSquares, "alpha_u");
     assert!((got / c.cm_alpha_u - 1.0).abs() < 0.05, "{got}");
     let fit = found.fit("C_m", Estimator::TotalLeastSquares).expect("a fit");
@@ -298,22 +301,27 @@ fn a_gap_in_time_is_refused_with_flapping_and_left_out_without() {
 fn inputs_that_do_not_fit_the_flight_are_refused() {
     let flown = fly(&Scenario::paper(), Vehicle::paper());
     let motion = flown.exact_motion();
-    let with = |inputs: &[HelicopterInput], options: &Options| {
-        let inputs = HelicopterInput::recorded(inputs).expect("valid");
-        coefficients(&motion, &inputs, &flown.vehicle, options).map(|_| ())
+    let with = |inputs: &InputSeries, options: &Options| {
+        coefficients(&motion, inputs, &flown.vehicle, options).map(|_| ())
     };
-    let all = HelicopterInput::series(&flown.inputs).expect("all columns");
-    let short = with(&all[..500], &Options::default());
+    let all = &flown.inputs;
+    let some = |rows: std::ops::Range<usize>, factor: f64| {
+        let values = rows.clone().flat_map(|k| all.row(k).iter().map(move |v| v * factor)).collect();
+        InputSeries::new(all.names(), all.times_s()[rows].to_vec(), values).expect("valid")
+    };
+    let count = all.times_s().len();
+    let short = with(&some(0..500, 1.0), &Options::default());
     assert!(matches!(short, Err(IdentifyError::Flight(FlightError::InputsDoNotCover { .. }))), "{short:?}");
-    let late = with(&all[20..], &Options::default());
+    let late = with(&some(20..count, 1.0), &Options::default());
     assert!(matches!(late, Err(IdentifyError::Flight(FlightError::InputsDoNotCover { .. }))), "{late:?}");
-    let still = |s: &HelicopterInput| HelicopterInput { omega_u_rad_s: 0.0, omega_l_rad_s: 0.0, ..*s };
-    let stopped: Vec<HelicopterInput> = all.iter().map(still).collect();
-    let stopped = with(&stopped, &Options::default());
-    assert!(matches!(stopped, Err(IdentifyError::RotorsStopped { .. })), "{stopped:?}");
+    let stopped = with(&some(0..count, 0.0), &Options::default());
+    assert!(matches!(stopped, Err(IdentifyError::ScaleNotPositive { .. })), "{stopped:?}");
+    let fewer = all.select(&["omega_u_rad_s", "delta_lon_rad"]).expect("columns");
+    let fewer = with(&fewer, &Options::default());
+    assert!(matches!(fewer, Err(IdentifyError::Flight(FlightError::MissingInput { .. }))), "{fewer:?}");
     for hz in [0.0, -1.0, f64::NAN] {
         let options = Options { bandwidth: Bandwidth::Hz(hz), ..Options::default() };
-        let refused = with(&all, &options);
+        let refused = with(all, &options);
         assert!(matches!(refused, Err(IdentifyError::BadSetting { .. })), "{refused:?}");
     }
     let mut empty = motion.clone();
@@ -337,9 +345,13 @@ fn flights_that_show_nothing_are_refused_or_said_to() {
     let table = coefficients(&motion, &flown.inputs, &flown.vehicle, &unfiltered(None)).expect("a table");
     assert!(matches!(identify(&table), Err(IdentifyError::TooFewInstants { parameters: 7, .. })));
     // Both rotors moved together: their sum is seen, not each.
-    let both = |channel| Maneuver::Doublet { channel, start_s: 2.0, pulse_s: 1.0, amplitude: 3.0 };
-    let together =
-        Scenario { maneuver: vec![both(Channel::OmegaU), both(Channel::OmegaL)], ..Scenario::paper() };
+    let both = |channel: &str| Maneuver::Doublet {
+        channel: channel.to_owned(),
+        start_s: 2.0,
+        pulse_s: 1.0,
+        amplitude: 3.0,
+    };
+    let together = Scenario { maneuver: vec![both("omega_u"), both("omega_l")], ..Scenario::paper() };
     let flown = fly(&together, Vehicle::paper());
     let found = identify(&table_of(&flown, &unfiltered(None))).expect("fits");
     let fit = found.fit("C_Z", Estimator::LeastSquares).expect("a fit");

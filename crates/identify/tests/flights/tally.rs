@@ -2,7 +2,9 @@
 //! far they say so.
 
 use crate::aircraft::Flown;
-use mavsight_identify::{Bandwidth, Estimator, FitOptions, Model, Options, coefficients, identify_with};
+use mavsight_identify::{
+    Bandwidth, EquationFile, Estimator, FitOptions, Options, coefficients, identify_with,
+};
 use mavsight_random::Random;
 
 /// One parameter by one estimator over all flights.
@@ -50,8 +52,8 @@ pub(crate) fn tally(
     estimators: &[Estimator],
     runs: u64,
 ) -> Vec<Tally> {
-    let model = Some(Model::parse(model).expect("a model"));
-    let options = Options { model, bandwidth: Bandwidth::Automatic, ..Options::default() };
+    let equations = Some(EquationFile::parse("products.toml", model).expect("equations"));
+    let options = Options { equations, bandwidth: Bandwidth::Automatic, ..Options::default() };
     let choice = FitOptions { estimators: estimators.to_vec(), ..FitOptions::default() };
     let fly = |run: u64| {
         let motion = flown.noisy_motion(&mut Random::new(5, run));

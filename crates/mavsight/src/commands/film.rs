@@ -123,7 +123,7 @@ struct Set<'a> {
 pub(crate) fn film(args: &Film) -> Result<()> {
     let vehicle = named(load_vehicle(&args.flight.join("vehicle.toml")))?;
     let truth = named(read_truth(&args.flight.join("truth.csv")))?;
-    named(read_inputs(&args.flight.join("inputs.csv")))?;
+    named(read_inputs(&args.flight.join("inputs.csv"), &vehicle))?;
     let interval_s = match truth.as_slice() {
         [a, b, ..] => b.t_s - a.t_s,
         _ => 1.0 / Scenario::paper().frame_rate_hz,

@@ -8,19 +8,21 @@ use crate::out::{out, outln};
 use crate::progress::Bars;
 use anyhow::Result;
 use mavsight_engine::{Flight, identify_from_motion, identify_from_poses};
-use mavsight_identify::{Band, Bandwidth, Estimator, FitOptions, Options};
+use mavsight_flight::Vehicle;
+use mavsight_identify::{Band, Bandwidth, EquationFile, Estimator, FitOptions, Options};
 use mavsight_pipeline::IdentifyOptions;
 use mavsight_report::{Summary, parameter_text};
 use mavsight_session::{
-    FlightTable, RunResults, load_model, load_vehicle, read_flight_table, read_summary, results::names,
+    FlightTable, RunResults, load_equations, load_vehicle, read_flight_table, read_summary, results::names,
     tables::read_inputs, write_results,
 };
 
 pub(crate) fn identify(args: &Identify) -> Result<()> {
     let vehicle = named(load_vehicle(&args.vehicle))?;
-    let inputs = named(read_inputs(&args.inputs))?;
     args.out.as_deref().map_or(Ok(()), require_folder)?;
-    let options = options(args)?;
+    let options = options(args, &vehicle)?;
+    let vehicle = options.table.equations.as_ref().map_or(vehicle.clone(), |file| file.vehicle(&vehicle));
+    let inputs = named(read_inputs(&args.inputs, &vehicle))?;
     let marker_names: Vec<String> = vehicle.marker.iter().map(|m| m.name.clone()).collect();
     let table = named(read_flight_table(&args.table, &marker_names))?;
     let only_output_error =
@@ -67,7 +69,7 @@ fn session_of(args: &Identify) -> Option<String> {
 
 const OUTPUT_ERROR: &str = "oe";
 
-fn options(args: &Identify) -> Result<IdentifyOptions> {
+fn options(args: &Identify, vehicle: &Vehicle) -> Result<IdentifyOptions> {
     let is_output_error = |name: &&String| name.as_str() == OUTPUT_ERROR;
     let estimator = |name: &String| {
         let known = || Estimator::ALL.map(Estimator::name).join(", ") + ", " + OUTPUT_ERROR;
@@ -85,13 +87,13 @@ fn options(args: &Identify) -> Result<IdentifyOptions> {
         fit.estimators = equations.map(estimator).collect::<Result<_, _>>()?;
     }
     let table = Options {
-        model: args.model.as_deref().map(|path| named(load_model(path))).transpose()?,
+        equations: args.model.as_deref().map(|path| named(load_equations(path))).transpose()?,
         bandwidth: args.bandwidth.map_or(Bandwidth::Automatic, Bandwidth::Hz),
         ..Options::default()
     };
-    // The equations of motion are a coaxial helicopter's; a model of one's own is of another aircraft.
+    let is_other = |file: &EquationFile| file.is_of_another_aircraft(vehicle);
     let equation_error_only = if args.estimator.is_empty() {
-        args.model.is_some()
+        table.equations.as_ref().is_some_and(is_other)
     } else {
         !args.estimator.iter().any(|name| is_output_error(&name))
     };

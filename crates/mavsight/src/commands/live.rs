@@ -56,7 +56,7 @@ fn of_session(args: &Live, path: &Path, pace: Pace) -> Result<()> {
         taps: Vec::new(),
         recorder,
         inputs: inputs.map(|i| Box::new(Recorded(i)) as Box<dyn InputSource>),
-        model: named(session.model())?,
+        equations: named(session.equations())?,
         enough: session.live().enough.unwrap_or(ENOUGH),
         stop,
         for_ns: args.seconds.map(ns_from_s),

@@ -188,7 +188,7 @@ pub(super) fn fly_virtual(args: &Live, pace: Pace, enough: f64) -> Result<()> {
         taps: Vec::new(),
         recorder,
         inputs: Some(Box::new(Commands(Arc::clone(&shared)))),
-        model: None,
+        equations: None,
         enough,
         stop: Arc::clone(&stop),
         for_ns: None,

@@ -29,7 +29,7 @@ pub(crate) fn simulate(args: &Simulate) -> Result<()> {
     }
     let Some(out) = &args.out else { return Ok(()) };
     let inputs = match &args.inputs {
-        Some(path) => named(read_inputs(path))?,
+        Some(path) => named(read_inputs(path, &vehicle))?,
         None => scenario.inputs(&vehicle)?,
     };
     let states = if args.carried {

@@ -75,7 +75,6 @@ pub(super) fn derivatives_are_few(model: &Model, source: Source<'_>) -> Result<(
 pub(super) fn every_parameter_is_used(
     model: &Model,
     parameters: &[Item<Parameter>],
-    definitions: &[(String, Node)],
     source: Source<'_>,
 ) -> Result<(), ModelError> {
     let nodes = &model.nodes;
@@ -85,7 +84,7 @@ pub(super) fn every_parameter_is_used(
     }
     all.extend(nodes.values.iter().flatten());
     all.extend(nodes.regressors.iter().flatten());
-    all.extend(definitions.iter().map(|(_, node)| *node));
+    all.extend(nodes.definitions.iter().map(|(_, node)| *node));
     let used = model.graph.variables(&all);
     let unused = |k: &usize| !used.contains(&Variable::Parameter(*k));
     match (BODY_PARAMETERS.len()..parameters.len()).find(unused) {
