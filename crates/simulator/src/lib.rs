@@ -6,6 +6,7 @@
 
 mod error;
 mod maneuver;
+mod packed;
 mod pilot;
 mod scenario;
 mod simulate;

@@ -1,5 +1,6 @@
 //! Integration of the equations of motion.
 
+use crate::packed::{Packed, Short};
 use crate::{FlightState, InitialState, SimulatorError, simulated_values};
 use differential_equations::prelude::{ExplicitRungeKutta, IVP, ODE};
 use mavsight_flight::{InputSeries, Vehicle};
@@ -64,33 +65,16 @@ impl Simulator {
         start: &InitialState,
         times_s: &[f64],
     ) -> Result<Vec<FlightState>, SimulatorError> {
-        let mut out = Vec::with_capacity(times_s.len());
-        let Some(&first_s) = times_s.first() else { return Ok(out) };
-        let mut flight = Flight { y: self.checked(start)?, t_s: first_s, motion: Motion::of(&self.dynamics) };
+        let Some(&first_s) = times_s.first() else { return Ok(Vec::new()) };
+        let y = self.checked(start)?;
         let columns: Vec<&str> = self.model.inputs.iter().map(|i| i.column.as_str()).collect();
         let inputs = inputs.select(&columns)?;
-        flight.motion.set_inputs(inputs.require(first_s)?);
-        let samples_s = inputs.times_s();
-        // Samples before this are past.
-        let mut next = samples_s.partition_point(|t_s| *t_s <= first_s + SAME_TIME_S);
-        out.push(flight.state());
-        for pair in times_s.windows(2) {
-            let (before_s, end_s) = (pair[0], pair[1]);
-            if end_s <= before_s || end_s.is_nan() {
-                return Err(SimulatorError::OutputTimes { t_s: end_s, before_s });
+        match Short::of(&y) {
+            Some(y) => {
+                Flight { y, t_s: first_s, motion: Motion::of(&self.dynamics) }.through(&inputs, times_s)
             }
-            let held = inputs.require(end_s)?;
-            while let Some(&sample_s) = samples_s.get(next).filter(|t_s| **t_s < end_s - SAME_TIME_S) {
-                flight.advance(sample_s)?;
-                flight.motion.set_inputs(inputs.row(next));
-                next += 1;
-            }
-            flight.advance(end_s)?;
-            flight.motion.set_inputs(held);
-            next += samples_s[next..].iter().take_while(|t_s| **t_s <= end_s + SAME_TIME_S).count();
-            out.push(flight.state());
+            None => Flight { y, t_s: first_s, motion: Motion::of(&self.dynamics) }.through(&inputs, times_s),
         }
-        Ok(out)
     }
 
     fn checked(&self, start: &InitialState) -> Result<Vec<f64>, SimulatorError> {
@@ -119,32 +103,59 @@ impl<'a> Motion<'a> {
     }
 }
 
-impl ODE<f64, Vec<f64>> for Motion<'_> {
-    fn diff(&self, _t: f64, y: &Vec<f64>, dydt: &mut Vec<f64>) {
-        self.0.borrow_mut().rates(y, dydt);
+impl<Y: Packed> ODE<f64, Y> for Motion<'_> {
+    fn diff(&self, _t: f64, y: &Y, dydt: &mut Y) {
+        self.0.borrow_mut().rates(y.values(), dydt.values_mut());
     }
 }
 
 /// A flight on its way.
-struct Flight<'a> {
+struct Flight<'a, Y> {
     t_s: f64,
-    y: Vec<f64>,
+    y: Y,
     motion: Motion<'a>,
 }
 
-impl Flight<'_> {
+impl<Y: Packed> Flight<'_, Y> {
+    /// Flies through inputs of the model's columns and reports at increasing times, the first of which is its
+    /// own.
+    fn through(mut self, inputs: &InputSeries, times_s: &[f64]) -> Result<Vec<FlightState>, SimulatorError> {
+        let mut out = Vec::with_capacity(times_s.len());
+        self.motion.set_inputs(inputs.require(self.t_s)?);
+        let samples_s = inputs.times_s();
+        // Samples before this are past.
+        let mut next = samples_s.partition_point(|t_s| *t_s <= self.t_s + SAME_TIME_S);
+        out.push(self.state());
+        for pair in times_s.windows(2) {
+            let (before_s, end_s) = (pair[0], pair[1]);
+            if end_s <= before_s || end_s.is_nan() {
+                return Err(SimulatorError::OutputTimes { t_s: end_s, before_s });
+            }
+            let held = inputs.require(end_s)?;
+            while let Some(&sample_s) = samples_s.get(next).filter(|t_s| **t_s < end_s - SAME_TIME_S) {
+                self.advance(sample_s)?;
+                self.motion.set_inputs(inputs.row(next));
+                next += 1;
+            }
+            self.advance(end_s)?;
+            self.motion.set_inputs(held);
+            next += samples_s[next..].iter().take_while(|t_s| **t_s <= end_s + SAME_TIME_S).count();
+            out.push(self.state());
+        }
+        Ok(out)
+    }
+
     /// Flies on to a time with the inputs that are set.
     fn advance(&mut self, to_s: f64) -> Result<(), SimulatorError> {
         let from_s = self.t_s;
         let broken = |detail: String| SimulatorError::Integration { t_s: from_s, detail };
-        let y = std::mem::take(&mut self.y);
-        let mut solution = IVP::ode(&self.motion, from_s, to_s, y)
+        let mut solution = IVP::ode(&self.motion, from_s, to_s, self.y.clone())
             .method(ExplicitRungeKutta::dop853().rtol(TOLERANCE).atol(TOLERANCE).h0(to_s - from_s))
             .solve()
             .map_err(|e| broken(format!("{e:?}").chars().take(80).collect()))?;
         self.y = solution.y.pop().ok_or_else(|| broken("no step".to_owned()))?;
         self.t_s = to_s;
-        if self.y.iter().all(|v| v.is_finite()) {
+        if self.y.values().iter().all(|v| v.is_finite()) {
             Ok(())
         } else {
             Err(broken("the state is not finite".to_owned()))
@@ -152,9 +163,10 @@ impl Flight<'_> {
     }
 
     fn state(&self) -> FlightState {
-        let mut rates = vec![0.0; self.y.len()];
-        self.motion.0.borrow_mut().rates(&self.y, &mut rates);
-        FlightState::unpacked(self.t_s, &self.y, &rates)
+        let y = self.y.values();
+        let mut rates = vec![0.0; y.len()];
+        self.motion.0.borrow_mut().rates(y, &mut rates);
+        FlightState::unpacked(self.t_s, y, &rates)
     }
 }
 
@@ -326,6 +338,31 @@ mod tests {
             assert_relative_eq!(state.velocity_in_body_m_s.z, terminal_m_s * share.tanh(), epsilon = 1e-9);
             let fallen_m = terminal_m_s.powi(2) / 9.804 * share.cosh().ln();
             assert_relative_eq!(-state.position_in_world_m.z, fallen_m, epsilon = 1e-9);
+        }
+    }
+
+    /// Lags in a row, of more states than are held in place: the k-th answers a step by the k-th gamma
+    /// distribution.
+    #[test]
+    fn a_model_of_many_states_is_flown_as_one_of_few() {
+        let lags = crate::packed::SHORT;
+        let chain: String = (1..=lags)
+            .map(|k| {
+                let before = if k == 1 { "a".to_owned() } else { format!("x_{}", k - 1) };
+                format!("x_{k} = {{ derivative = \"({before} - x_{k})/0.1\" }}\n")
+            })
+            .collect();
+        let vehicle = with_model(&format!(
+            "schema = 2\nname = \"chain\"\n[inputs]\na = {{}}\n[states]\n{chain}[forces]\nx = \"0*x_{lags}\"\n"
+        ));
+        let inputs = inputs(&vehicle, &[0.0, 1.0], |_| vec![1.0]);
+        let start = InitialState { further: vec![0.0; lags], ..InitialState::default() };
+        let end = &simulate(&vehicle, &inputs, &start, &[0.0, 0.8]).expect("a flight")[1];
+        let (mut term, mut left) = ((-8.0_f64).exp(), 1.0);
+        for (k, x) in end.further.iter().enumerate() {
+            left -= term;
+            term *= 8.0 / (k + 1) as f64;
+            assert_relative_eq!(*x, left, epsilon = 1e-9);
         }
     }
 
