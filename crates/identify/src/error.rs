@@ -125,6 +125,28 @@ pub enum IdentifyError {
         /// What there is.
         known: String,
     },
+    /// A value of a parameter that it cannot have.
+    #[error("{name} is {value}, but must {must}")]
+    BadParameter {
+        /// The parameter.
+        name: String,
+        /// Its value.
+        value: f64,
+        /// What it must be.
+        must: &'static str,
+    },
+    /// Equations that change faster than can be followed.
+    #[error(
+        "the equations of motion at {t_s:.3} s ask for steps of {step_s:.1e} s, but no shorter ones than {shortest_s:.0e} s are flown: give the fast state's time constant a larger value or bound, or leave that state out of the model"
+    )]
+    Stiff {
+        /// Time.
+        t_s: f64,
+        /// Step that they need.
+        step_s: f64,
+        /// Shortest step.
+        shortest_s: f64,
+    },
     /// Times of measurements must increase.
     #[error(
         "the measurement at {t_s} s does not come after the one at {before_s} s: sort them and remove repeats"

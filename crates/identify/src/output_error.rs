@@ -39,7 +39,7 @@ pub use flight::{Comparison, FlightFitOptions, FlightFits, Images, InputClock, f
 pub use image::ImageMeasurements;
 pub use measure::{Measurements, StateMeasurement};
 pub use model::{FlightModel, ModelParameter};
-pub use options::{InitialFlapping, NoiseModel, OutputErrorOptions};
+pub use options::{InitialStates, NoiseModel, OutputErrorOptions};
 pub use prediction::predict_poses;
 pub use result::{Extent, FittedParameter, OutputErrorFit, Prediction, SystematicErrors};
 

@@ -163,7 +163,8 @@ impl Recorder {
         };
         if let Some(names) = inputs {
             session.inputs = LOGS[INPUTS].into();
-            writer.append(INPUTS, &format!("t_s,{}", names.join(","))).map_err(refuse)?;
+            let header: Vec<&str> = std::iter::once("t_s").chain(names.iter().map(String::as_str)).collect();
+            writer.append(INPUTS, &header.join(",")).map_err(refuse)?;
         }
         write_toml(&folder.join("session.toml"), &session)?;
         let status = Arc::clone(&writer.status);

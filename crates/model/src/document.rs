@@ -19,11 +19,33 @@ impl Source<'_> {
     }
 }
 
-/// The text of an expression and where it begins in the file, in bytes.
+/// The text of an expression and where it is in the file, in bytes.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Text {
     pub(crate) text: String,
+    /// Where its value begins.
     pub(crate) at: usize,
+    /// Where its first character is; none where the file writes it otherwise, as with escapes.
+    first: Option<usize>,
+}
+
+impl Text {
+    /// Where a part of the text is in the file.
+    pub(crate) fn place(&self, part: usize) -> usize {
+        self.first.map_or(self.at, |first| first + part)
+    }
+}
+
+/// The longest piece of a file that a message repeats, in characters.
+const LONGEST_SHOWN: usize = 60;
+
+/// A piece of the file as a message repeats it.
+pub(crate) fn shown(piece: &str) -> String {
+    let mut out: String = piece.chars().take(LONGEST_SHOWN).collect();
+    if out.len() < piece.len() {
+        out.push_str("...");
+    }
+    out
 }
 
 /// A value and its key.
@@ -51,7 +73,7 @@ impl<'a> Section<'a> {
     pub(crate) fn new(name: String, at: usize, table: &'a DeTable<'a>, source: Source<'a>) -> Self {
         let entry =
             |(key, value): (&'a Spanned<std::borrow::Cow<'a, str>>, &'a Spanned<DeValue<'a>>)| Entry {
-                key: key.get_ref().clone().into_owned(),
+                key: key.get_ref().as_ref().to_owned(),
                 key_at: key.span().start,
                 at: value.span().start,
                 value: value.get_ref(),
@@ -94,7 +116,15 @@ impl<'a> Section<'a> {
     pub(crate) fn unit(&self) -> Result<Option<Unit>, ModelError> {
         let Some(entry) = self.get("unit") else { return Ok(None) };
         let text = entry.string()?;
-        Unit::parse(&text).map(Some).or_else(|part| self.source.fault(entry.at, Fault::UnknownUnit(part)))
+        Unit::parse(&text)
+            .map(Some)
+            .or_else(|part| self.source.fault(entry.at, Fault::UnknownUnit(shown(&part))))
+    }
+
+    /// Refuses keys other than these.
+    pub(crate) fn only(&self, keys: &[&'static str]) -> Result<(), ModelError> {
+        self.asked.borrow_mut().extend(keys);
+        self.finish()
     }
 
     /// Refuses keys that nobody asked for.
@@ -107,14 +137,14 @@ impl<'a> Section<'a> {
         if near.is_empty() {
             near = asked.iter().map(|k| (*k).to_owned()).collect();
         }
-        let (name, section) = (unknown.key.clone(), self.name.clone());
+        let (name, section) = (shown(&unknown.key), self.name.clone());
         self.source.fault(unknown.key_at, Fault::UnknownKey { name, section, near })
     }
 }
 
 impl<'a> Entry<'a> {
     fn kind<T>(&self, wanted: &'static str) -> Result<T, ModelError> {
-        let (key, found) = (self.key.clone(), self.value.type_str());
+        let (key, found) = (shown(&self.key), self.value.type_str().to_owned());
         self.source.fault(self.at, Fault::Kind { key, wanted, found })
     }
 
@@ -128,32 +158,29 @@ impl<'a> Entry<'a> {
 
     pub(crate) fn number(&self) -> Result<f64, ModelError> {
         let parsed = match self.value {
-            DeValue::Integer(n) => n
-                .as_str()
-                .parse()
-                .ok()
-                .or_else(|| i64::from_str_radix(n.as_str(), n.radix()).ok().map(|n| n as f64)),
+            DeValue::Integer(n) if n.radix() == 10 => n.as_str().parse().ok(),
+            DeValue::Integer(n) => u64::from_str_radix(n.as_str(), n.radix()).ok().map(|n| n as f64),
             DeValue::Float(n) => n.as_str().parse::<f64>().ok(),
             _ => return self.kind("a number"),
         };
-        match parsed.filter(|v: &f64| v.is_finite()) {
-            Some(value) => Ok(value),
-            None => {
-                let key = self.key.clone();
-                self.source.fault(self.at, Fault::Number { key, value: f64::NAN, must: "be a finite number" })
-            }
+        let value = parsed.unwrap_or(f64::INFINITY);
+        if value.is_finite() {
+            return Ok(value);
         }
+        let key = shown(&self.key);
+        self.source.fault(self.at, Fault::Number { key, value, must: "be a finite number" })
     }
 
     pub(crate) fn expression(&self) -> Result<Text, ModelError> {
         if let Some(text) = self.value.as_str() {
-            let raw = &self.source.text[self.at..];
-            let quotes = if raw.starts_with("\"\"\"") || raw.starts_with("'''") { 3 } else { 1 };
-            let newline = usize::from(quotes == 3 && raw[3..].starts_with('\n'));
-            return Ok(Text { text: text.to_owned(), at: self.at + quotes + newline });
+            let raw = self.source.text.get(self.at..).unwrap_or_default();
+            let quotes = ["\"\"\"\r\n", "\"\"\"\n", "'''\r\n", "'''\n", "\"\"\"", "'''", "\"", "'"];
+            let behind = quotes.into_iter().find_map(|q| raw.strip_prefix(q).map(|rest| (q.len(), rest)));
+            let first = behind.filter(|(_, rest)| rest.starts_with(text)).map(|(quotes, _)| self.at + quotes);
+            return Ok(Text { text: text.to_owned(), at: self.at, first });
         }
         if matches!(self.value, DeValue::Integer(_) | DeValue::Float(_)) {
-            return Ok(Text { text: self.number()?.to_string(), at: self.at });
+            return Ok(Text { text: self.number()?.to_string(), at: self.at, first: None });
         }
         self.kind("an expression or a number")
     }

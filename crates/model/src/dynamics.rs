@@ -1,6 +1,6 @@
 //! The equations of motion of one aircraft, ready to be integrated, with exact derivatives.
 
-use crate::graph::{Graph, Node, Variable};
+use crate::graph::{Graph, Variable};
 use crate::model::Model;
 use crate::program::{Program, Registers};
 
@@ -16,6 +16,7 @@ pub struct Dynamics {
     /// Where the derivatives behind the rates in `linear` belong: row, column.
     by_state: Vec<(usize, usize)>,
     by_parameter: Vec<(usize, usize)>,
+    by_input: Vec<(usize, usize)>,
     is_linear: Vec<bool>,
 }
 
@@ -24,7 +25,7 @@ pub struct Dynamics {
 pub struct Slope {
     /// The state whose rate it is of.
     pub row: usize,
-    /// The state, or the free parameter, by which.
+    /// The state, the free parameter or the input by which.
     pub column: usize,
     /// Its value.
     pub value: f64,
@@ -41,6 +42,15 @@ pub struct Evaluation<'a> {
 impl Dynamics {
     /// The equations of motion with `values` for all parameters, of which those in `free` may change.
     pub fn new(model: &Model, values: &[f64], free: &[usize]) -> Self {
+        Self::with_slopes(model, values, free, 0)
+    }
+
+    /// The same with derivatives by the inputs too.
+    pub fn with_input_slopes(model: &Model, values: &[f64], free: &[usize]) -> Self {
+        Self::with_slopes(model, values, free, model.inputs.len())
+    }
+
+    fn with_slopes(model: &Model, values: &[f64], free: &[usize], inputs: usize) -> Self {
         let states = model.state_count();
         let replace = |variable: Variable, graph: &mut Graph| match variable {
             Variable::Parameter(k) => match free.iter().position(|f| *f == k) {
@@ -51,11 +61,16 @@ impl Dynamics {
         };
         let (mut graph, rates) = model.graph.substituted(&model.nodes.rates, replace);
         let mut outputs = rates.clone();
-        let slopes = |graph: &mut Graph, outputs: &mut Vec<Node>, variables: &[Variable]| {
+        let mut is_linear = Vec::new();
+        let mut slopes = |variables: &mut dyn Iterator<Item = Variable>,
+                          mut is_linear: Option<&mut Vec<bool>>| {
             let zero = graph.constant(0.0);
             let mut places = Vec::new();
-            for (column, variable) in variables.iter().enumerate() {
-                let slopes = graph.derivatives(&rates, *variable);
+            for (column, variable) in variables.enumerate() {
+                let slopes = graph.derivatives(&rates, variable);
+                if let Some(is_linear) = &mut is_linear {
+                    is_linear.push(!graph.variables(&slopes).contains(&variable));
+                }
                 for (row, slope) in slopes.into_iter().enumerate().filter(|(_, slope)| *slope != zero) {
                     places.push((row, column));
                     outputs.push(slope);
@@ -63,11 +78,9 @@ impl Dynamics {
             }
             places
         };
-        let of_state: Vec<Variable> = (0..states).map(Variable::State).collect();
-        let of_parameter: Vec<Variable> = (0..free.len()).map(Variable::Parameter).collect();
-        let by_state = slopes(&mut graph, &mut outputs, &of_state);
-        let by_parameter = slopes(&mut graph, &mut outputs, &of_parameter);
-        let is_linear = of_parameter.iter().map(|own| is_linear_in(&mut graph, &rates, *own)).collect();
+        let by_state = slopes(&mut (0..states).map(Variable::State), None);
+        let by_input = slopes(&mut (0..inputs).map(Variable::Input), None);
+        let by_parameter = slopes(&mut (0..free.len()).map(Variable::Parameter), Some(&mut is_linear));
         Self {
             free: free.to_vec(),
             states,
@@ -75,6 +88,7 @@ impl Dynamics {
             linear: Program::new(&graph, &outputs),
             by_state,
             by_parameter,
+            by_input,
             is_linear,
         }
     }
@@ -102,12 +116,6 @@ impl Dynamics {
             linear: self.linear.with_parameters(free),
         }
     }
-}
-
-/// Whether the derivative by a variable does not depend on it.
-fn is_linear_in(graph: &mut Graph, rates: &[Node], variable: Variable) -> bool {
-    let slopes = graph.derivatives(rates, variable);
-    !graph.variables(&slopes).contains(&variable)
 }
 
 impl Evaluation<'_> {
@@ -151,6 +159,12 @@ impl Evaluation<'_> {
 
     /// Derivatives of the rates by the free parameters.
     pub fn by_parameter(&self) -> impl Iterator<Item = Slope> {
-        self.slopes(self.dynamics.by_state.len(), &self.dynamics.by_parameter)
+        let before = self.dynamics.by_state.len() + self.dynamics.by_input.len();
+        self.slopes(before, &self.dynamics.by_parameter)
+    }
+
+    /// Derivatives of the rates by the inputs, where [`Dynamics::with_input_slopes`] has made them.
+    pub fn by_input(&self) -> impl Iterator<Item = Slope> {
+        self.slopes(self.dynamics.by_state.len(), &self.dynamics.by_input)
     }
 }

@@ -1,5 +1,6 @@
 //! What is refused of a model file, where, and what to do about it.
 
+use crate::unit::Unit;
 use std::fmt;
 use thiserror::Error;
 
@@ -73,10 +74,13 @@ pub enum Fault {
         /// What is needed.
         wanted: &'static str,
         /// What there is.
-        found: &'static str,
+        found: String,
     },
+    /// A value that the vehicle file gives.
+    #[error("the value of `{0}` comes from the vehicle file: remove it here")]
+    FromVehicle(String),
     /// A name that is not one.
-    #[error("`{0}` is no name: begin with a letter, go on with letters, digits and _")]
+    #[error("`{0}` is no name: begin with a letter, go on with letters, digits and _, at most 60")]
     BadName(String),
     /// A name that has a meaning already.
     #[error("`{name}` is already {what}: take another name")]
@@ -87,10 +91,10 @@ pub enum Fault {
         what: String,
     },
     /// A unit that is not known.
-    #[error("`{0}` is no unit: write products of m kg s A K N J W Pa Hz V rad 1, such as \"N m s/rad\"")]
+    #[error("`{0}` is no unit{hint}; units are products of m kg s A K N J W Pa Hz V C rad 1, such as \"N m s/rad\"", hint = instead(.0))]
     UnknownUnit(String),
     /// A number that is not one.
-    #[error("`{0}` is no number")]
+    #[error("`{0}` is no number: write 0.05 or 5e-2")]
     NotANumber(String),
     /// A number outside what is possible.
     #[error("`{key}` is {value}, but must {must}")]
@@ -103,7 +107,7 @@ pub enum Fault {
         must: &'static str,
     },
     /// A character or word in the wrong place.
-    #[error("`{found}` does not belong here")]
+    #[error("`{found}` does not belong here{}", operator_missing(.found))]
     Unexpected {
         /// What is there.
         found: String,
@@ -136,7 +140,7 @@ pub enum Fault {
         near: Vec<String>,
     },
     /// A function with another number of arguments.
-    #[error("`{name}` takes {wanted} argument(s), but {found} are given")]
+    #[error("`{name}` takes {}, but has {found}: write `{}`", arguments(.wanted), call(.name, *.wanted))]
     Arguments {
         /// The function.
         name: String,
@@ -156,17 +160,17 @@ pub enum Fault {
         allows: &'static str,
     },
     /// Definitions that need each other.
-    #[error("the definition goes in a circle: {0}")]
+    #[error("this goes in a circle: {0}; give one of them without the others")]
     Circle(String),
     /// Units that do not agree.
-    #[error("{what} is {wanted}, this is {found}")]
+    #[error("{what} is {}, this is {}: a factor in {} is missing, or a declared unit is wrong", .wanted.words(), .found.words(), .wanted.over(*.found))]
     Unit {
         /// What has the unit.
         what: String,
         /// Its unit.
-        wanted: String,
+        wanted: Unit,
         /// The unit found.
-        found: String,
+        found: Unit,
     },
     /// A parameter without effect.
     #[error(
@@ -190,15 +194,78 @@ pub enum Fault {
     #[error("table `{0}` needs as many y as x, at least two, finite, x increasing")]
     Table(String),
     /// A model that has no value at its start.
-    #[error(
-        "{what} is {value} at the start (trim inputs, zero velocity and rates): change values or the expression"
-    )]
+    #[error("{what} is {value} {start}: keep divisors and arguments of sqrt and log above zero there")]
     NotFinite {
         /// What has no value.
         what: String,
         /// The value.
         value: f64,
+        /// The state in which it has none.
+        start: &'static str,
     },
+    /// A state that changes faster than the integrator follows.
+    #[error(
+        "{what} follows with a time constant of {time_s:.2e} s at the start, and nothing faster than \
+         {shortest_s:.2e} s can be integrated: make it slower, or replace it by the value it runs to"
+    )]
+    TooFast {
+        /// The state.
+        what: String,
+        /// Its time constant.
+        time_s: f64,
+        /// The shortest that can be followed.
+        shortest_s: f64,
+    },
+}
+
+/// What to write for units that people write.
+fn instead(part: &str) -> &'static str {
+    match part {
+        "deg" | "°" => ": write rad",
+        "rpm" | "rev" => ": write rad/s",
+        "g" | "gram" => ": write kg",
+        "mm" | "cm" | "km" | "ft" | "in" => ": write m",
+        "ms" | "min" | "h" => ": write s",
+        "Nm" => ": write \"N m\"",
+        _ if part.contains(['(', ')']) => ": write each divisor with its own `/`, without parentheses",
+        _ => "",
+    }
+}
+
+fn operator_missing(found: &str) -> &'static str {
+    match found {
+        "=" | "<" | ">" | "!" | "&" | "|" | "?" => {
+            ": there are no comparisons; use min, max, clamp or a table"
+        }
+        "[" | "]" | "{" | "}" => ": use round parentheses",
+        f if f.starts_with(|c: char| c.is_alphanumeric() || "_.(".contains(c)) => {
+            ": an operator or a comma is missing before it"
+        }
+        _ => "",
+    }
+}
+
+impl Fault {
+    /// Units that do not agree.
+    pub(crate) fn units(what: &str, wanted: Unit, found: Unit) -> Self {
+        Self::Unit { what: what.to_owned(), wanted, found }
+    }
+}
+
+fn arguments(wanted: &usize) -> String {
+    if *wanted == 1 { "one argument".to_owned() } else { format!("{wanted} arguments") }
+}
+
+fn call(name: &str, wanted: usize) -> String {
+    let named: &[&str] = match name {
+        "atan2" => &["y", "x"],
+        "clamp" => &["x", "low", "high"],
+        "deadzone" => &["x", "half"],
+        "saturate" => &["x", "limit"],
+        "min" | "max" => &["a", "b"],
+        _ => &["x"],
+    };
+    format!("{name}({})", named[..wanted.min(named.len())].join(", "))
 }
 
 fn nearest(near: &[String], lead: &str) -> String {

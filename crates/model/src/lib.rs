@@ -7,6 +7,7 @@
 
 mod document;
 mod dynamics;
+mod fastest;
 mod fault;
 mod graph;
 mod lower;
@@ -15,12 +16,15 @@ mod program;
 mod read;
 mod rigid_body;
 mod shelf;
+mod start;
 mod syntax;
 mod unit;
 
 pub use dynamics::{Dynamics, Evaluation, Slope};
+pub use fastest::Fastest;
 pub use fault::{Fault, ModelError};
 pub use model::{Axis, Body, Derived, Equation, Freedom, FurtherState, Input, Model, Parameter, Sensor};
 pub use rigid_body::{BODY_PARAMETERS, RIGID_STATES};
 pub use shelf::SHELF;
+pub use start::Start;
 pub use unit::Unit;

@@ -5,7 +5,7 @@ mod dimension;
 
 pub(crate) use dimension::Dimension;
 
-use crate::document::{Source, Text};
+use crate::document::{Source, Text, shown};
 use crate::fault::{Fault, ModelError, near};
 use crate::graph::{Graph, Node, Variable};
 use crate::syntax::{Kind, Part, parse};
@@ -27,7 +27,7 @@ enum Meaning {
     Table(usize),
 }
 
-/// A look-up table as a function.
+/// Units of a look-up table.
 #[derive(Debug, Clone)]
 struct TableUnits {
     x: Dimension,
@@ -39,14 +39,8 @@ struct Definition {
     name: String,
     text: Text,
     unit: Option<Unit>,
-    state: Lowered,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Lowered {
-    Not,
-    UnderWay,
-    Done(Value),
+    /// Once it is read.
+    state: Option<Value>,
 }
 
 /// Definitions within definitions and parentheses within parentheses together, at most.
@@ -62,8 +56,16 @@ pub(crate) struct Lower<'a> {
     kinds: HashMap<String, &'static str>,
     definitions: Vec<Definition>,
     tables: Vec<TableUnits>,
+    /// Definitions that are being read, each for the one before.
+    under_way: Vec<usize>,
     depth: usize,
 }
+
+/// Names that the format has in `[outputs]` alone.
+pub(crate) const ACCELERATIONS: [&str; 6] = ["a_x", "a_y", "a_z", "p_dot", "q_dot", "r_dot"];
+const OF_FORMAT: &str = "a name of the format";
+/// Characters of a name, at most.
+const LONGEST_NAME: usize = 60;
 
 impl<'a> Lower<'a> {
     pub(crate) fn new(source: Source<'a>) -> Self {
@@ -74,8 +76,10 @@ impl<'a> Lower<'a> {
             kinds: HashMap::new(),
             definitions: Vec::new(),
             tables: Vec::new(),
+            under_way: Vec::new(),
             depth: 0,
         };
+        out.kinds.extend(ACCELERATIONS.map(|name| (name.to_owned(), OF_FORMAT)));
         let pi = out.graph.constant(std::f64::consts::PI);
         out.provide("pi", pi, Some(Unit::ONE));
         out
@@ -85,7 +89,7 @@ impl<'a> Lower<'a> {
     pub(crate) fn provide(&mut self, name: &str, node: Node, unit: Option<Unit>) {
         let value = Value { node, dimension: Dimension::of(unit) };
         self.names.insert(name.to_owned(), Meaning::Value(value));
-        self.kinds.insert(name.to_owned(), "a name of the format");
+        self.kinds.insert(name.to_owned(), OF_FORMAT);
     }
 
     /// A name of the file for a variable.
@@ -115,7 +119,7 @@ impl<'a> Lower<'a> {
     ) -> Result<(), ModelError> {
         let k = self.definitions.len();
         self.name(name, at, "a definition", Meaning::Definition(k))?;
-        self.definitions.push(Definition { name: name.to_owned(), text, unit, state: Lowered::Not });
+        self.definitions.push(Definition { name: name.to_owned(), text, unit, state: None });
         Ok(())
     }
 
@@ -141,9 +145,9 @@ impl<'a> Lower<'a> {
     ) -> Result<(), ModelError> {
         let mut letters = name.chars();
         let begins = letters.next().is_some_and(|c| c.is_alphabetic() || c == '_');
-        if !begins || !letters.all(|c| c.is_alphanumeric() || c == '_') {
-            let shown = name.chars().take(40).collect();
-            return self.source.fault(at, Fault::BadName(shown));
+        let long = name.chars().nth(LONGEST_NAME).is_some();
+        if long || !begins || !letters.all(|c| c.is_alphanumeric() || c == '_') {
+            return self.source.fault(at, Fault::BadName(shown(name)));
         }
         if let Some(what) =
             self.kinds.get(name).copied().or_else(|| call::is_function(name).then_some("a function"))
@@ -169,46 +173,82 @@ impl<'a> Lower<'a> {
         text: &Text,
         unit: Option<Unit>,
     ) -> Result<Node, ModelError> {
-        let part = parse(&text.text).or_else(|(at, fault)| self.source.fault(text.at + at, fault))?;
-        let value = self.value(&part, text.at)?;
-        self.require(what, Dimension::of(unit), value.dimension, text.at + part.at)?;
-        Ok(value.node)
+        Ok(self.checked(what, text, unit)?.node)
+    }
+
+    fn checked(&mut self, what: &str, text: &Text, unit: Option<Unit>) -> Result<Value, ModelError> {
+        let part = self.parsed(text)?;
+        match unit {
+            Some(unit) => self.with_unit(&part, text, what, unit),
+            None => self.value(&part, text),
+        }
+    }
+
+    fn parsed(&self, text: &Text) -> Result<Part, ModelError> {
+        parse(&text.text).or_else(|(at, fault)| self.source.fault(text.place(at), fault))
+    }
+
+    /// The value of a part that must have a unit; of a sum the term that has another is refused.
+    fn with_unit(&mut self, part: &Part, text: &Text, what: &str, unit: Unit) -> Result<Value, ModelError> {
+        match &part.kind {
+            Kind::Sum(terms) => self.sum(terms, text, Some((what, unit))),
+            Kind::Negative(inner) => {
+                let value = self.with_unit(inner, text, what, unit)?;
+                Ok(Value { node: self.graph.negate(value.node), ..value })
+            }
+            _ => {
+                let value = self.value(part, text)?;
+                self.require(what, Dimension::Known(unit), value.dimension, text.place(part.at))?;
+                Ok(value)
+            }
+        }
     }
 
     /// Refuses a unit that is known and another than wanted.
     fn require(&self, what: &str, wanted: Dimension, found: Dimension, at: usize) -> Result<(), ModelError> {
         match (wanted, found) {
             (Dimension::Known(wanted), Dimension::Known(found)) if wanted != found => {
-                let what = what.to_owned();
-                let (wanted, found) = (wanted.to_string(), found.to_string());
-                self.source.fault(at, Fault::Unit { what, wanted, found })
+                self.source.fault(at, Fault::units(what, wanted, found))
             }
             _ => Ok(()),
         }
     }
 
+    /// Where the first name in an expression is that depends on a variable, and that name.
+    pub(crate) fn first_use(&self, text: &Text, of: Variable) -> Result<(usize, String), ModelError> {
+        let part = self.parsed(text)?;
+        let depends = |name: &str| match self.names.get(name) {
+            Some(Meaning::Value(value)) => self.graph.variables(&[value.node]).contains(&of),
+            Some(Meaning::Definition(k)) => match self.definitions[*k].state {
+                Some(value) => self.graph.variables(&[value.node]).contains(&of),
+                None => false,
+            },
+            _ => false,
+        };
+        let first = part.names().into_iter().find(|(_, name)| depends(name));
+        Ok(first.map_or((text.at, String::new()), |(at, name)| (text.place(at), name.to_owned())))
+    }
+
     fn definition(&mut self, k: usize) -> Result<Value, ModelError> {
-        let Definition { name, text, unit, state } = self.definitions[k].clone();
-        match state {
-            Lowered::Done(value) => return Ok(value),
-            Lowered::UnderWay => {
-                let way = self.definitions.iter().filter(|d| d.state == Lowered::UnderWay);
-                let names: Vec<&str> = way.map(|d| d.name.as_str()).take(8).collect();
-                return self.source.fault(text.at, Fault::Circle(names.join(", ")));
-            }
-            Lowered::Not => {}
+        if let Some(value) = self.definitions[k].state {
+            return Ok(value);
         }
-        self.definitions[k].state = Lowered::UnderWay;
-        let part = parse(&text.text).or_else(|(at, fault)| self.source.fault(text.at + at, fault))?;
-        let mut value = self.value(&part, text.at)?;
-        self.require(&format!("`{name}`"), Dimension::of(unit), value.dimension, text.at + part.at)?;
+        let Definition { name, text, unit, .. } = self.definitions[k].clone();
+        if let Some(first) = self.under_way.iter().position(|way| *way == k) {
+            let circle = self.under_way[first..].iter().take(8).map(|k| self.definitions[*k].name.as_str());
+            let names: Vec<&str> = circle.chain([name.as_str()]).collect();
+            return self.source.fault(text.at, Fault::Circle(names.join(" needs ")));
+        }
+        self.under_way.push(k);
+        let mut value = self.checked(&format!("`{name}`"), &text, unit)?;
         value.dimension = unit.map_or(value.dimension, Dimension::Known);
-        self.definitions[k].state = Lowered::Done(value);
+        self.under_way.pop();
+        self.definitions[k].state = Some(value);
         Ok(value)
     }
 
-    fn value(&mut self, part: &Part, from: usize) -> Result<Value, ModelError> {
-        let at = from + part.at;
+    fn value(&mut self, part: &Part, text: &Text) -> Result<Value, ModelError> {
+        let at = text.place(part.at);
         self.depth += 1;
         if self.depth > DEEPEST {
             return self.source.fault(at, Fault::TooDeep(DEEPEST));
@@ -223,15 +263,15 @@ impl<'a> Lower<'a> {
             }
             Kind::Name(name) => self.named(name, at)?,
             Kind::Negative(inner) => {
-                let Value { node, dimension } = self.value(inner, from)?;
+                let Value { node, dimension } = self.value(inner, text)?;
                 Value { node: self.graph.negate(node), dimension }
             }
-            Kind::Sum(terms) => self.sum(terms, from)?,
-            Kind::Product(factors) => self.product(factors, from)?,
-            Kind::Power(base, exponent) => self.power(base, exponent, from)?,
+            Kind::Sum(terms) => self.sum(terms, text, None)?,
+            Kind::Product(factors) => self.product(factors, text)?,
+            Kind::Power(base, exponent) => self.power(base, exponent, text)?,
             Kind::Call(name, arguments) => {
                 let values: Result<Vec<(Value, usize)>, ModelError> =
-                    arguments.iter().map(|a| Ok((self.value(a, from)?, from + a.at))).collect();
+                    arguments.iter().map(|a| Ok((self.value(a, text)?, text.place(a.at)))).collect();
                 self.call(name, at, &values?)?
             }
         };
@@ -246,22 +286,37 @@ impl<'a> Lower<'a> {
             Some(Meaning::Table(_)) => {
                 self.source.fault(at, Fault::Arguments { name: name.to_owned(), wanted: 1, found: 0 })
             }
+            None if ACCELERATIONS.contains(&name) => {
+                let place = "forces, moments, states and definitions".to_owned();
+                let allows = "give the accelerations: use it in [outputs]";
+                self.source.fault(at, Fault::NotHere { name: name.to_owned(), place, allows })
+            }
             None => {
                 let near = near(name, self.names.keys().map(String::as_str));
-                self.source.fault(at, Fault::UnknownName { name: name.to_owned(), near })
+                self.source.fault(at, Fault::UnknownName { name: shown(name), near })
             }
         }
     }
 
-    fn sum(&mut self, terms: &[(bool, Part)], from: usize) -> Result<Value, ModelError> {
+    /// A sum, whose terms must have a unit where one is wanted, else that of the terms before.
+    fn sum(
+        &mut self,
+        terms: &[(bool, Part)],
+        text: &Text,
+        wanted: Option<(&str, Unit)>,
+    ) -> Result<Value, ModelError> {
         let mut sum: Option<Value> = None;
         for (minus, term) in terms {
-            let value = self.value(term, from)?;
+            let value = match wanted {
+                Some((what, unit)) => self.with_unit(term, text, what, unit)?,
+                None => self.value(term, text)?,
+            };
             sum = Some(match sum {
                 None if *minus => Value { node: self.graph.negate(value.node), ..value },
                 None => value,
                 Some(sum) => {
-                    self.require("the sum before", sum.dimension, value.dimension, from + term.at)?;
+                    let at = text.place(term.at);
+                    self.require("the sum before this term", sum.dimension, value.dimension, at)?;
                     let node = if *minus {
                         self.graph.subtract(sum.node, value.node)
                     } else {
@@ -274,10 +329,10 @@ impl<'a> Lower<'a> {
         Ok(sum.unwrap_or(Value { node: self.graph.constant(0.0), dimension: Dimension::Literal }))
     }
 
-    fn product(&mut self, factors: &[(bool, Part)], from: usize) -> Result<Value, ModelError> {
+    fn product(&mut self, factors: &[(bool, Part)], text: &Text) -> Result<Value, ModelError> {
         let one = Value { node: self.graph.constant(1.0), dimension: Dimension::Literal };
         factors.iter().try_fold(one, |product, (over, factor)| {
-            let value = self.value(factor, from)?;
+            let value = self.value(factor, text)?;
             Ok(if *over {
                 let node = self.graph.divide(product.node, value.node);
                 Value { node, dimension: product.dimension.over(value.dimension) }
@@ -288,15 +343,15 @@ impl<'a> Lower<'a> {
         })
     }
 
-    fn power(&mut self, base: &Part, exponent: &Part, from: usize) -> Result<Value, ModelError> {
-        let at = from + exponent.at;
-        let (base, exponent) = (self.value(base, from)?, self.value(exponent, from)?);
+    fn power(&mut self, base: &Part, exponent: &Part, text: &Text) -> Result<Value, ModelError> {
+        let (base_at, at) = (text.place(base.at), text.place(exponent.at));
+        let (base, exponent) = (self.value(base, text)?, self.value(exponent, text)?);
         self.require("an exponent", Dimension::Known(Unit::ONE), exponent.dimension, at)?;
         let dimension = match (base.dimension, self.graph.constant_value(exponent.node)) {
             (Dimension::Known(unit), Some(n)) => Dimension::Known(unit.to_the(n)),
             (Dimension::Known(_), None) => {
                 let what = "the base of an exponent that is no number";
-                self.require(what, Dimension::Known(Unit::ONE), base.dimension, at)?;
+                self.require(what, Dimension::Known(Unit::ONE), base.dimension, base_at)?;
                 base.dimension
             }
             (other, _) => other,

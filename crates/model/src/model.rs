@@ -1,9 +1,12 @@
 //! A flight model: what a file says, checked.
 
+use crate::fault::{Fault, ModelError};
 use crate::graph::{Graph, Node, Variable};
 use crate::program::Program;
 use crate::rigid_body::RIGID_STATES;
 use crate::unit::Unit;
+use std::collections::HashMap;
+use std::sync::Arc;
 
 /// An input of the aircraft.
 #[derive(Debug, Clone, PartialEq)]
@@ -153,6 +156,36 @@ pub struct Model {
     pub equations: Vec<Equation>,
     pub(crate) graph: Graph,
     pub(crate) nodes: Nodes,
+    pub(crate) origin: Origin,
+}
+
+/// The file that a model is from, for faults that show only with the values of an aircraft.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Origin {
+    file: Arc<str>,
+    text: Arc<str>,
+}
+
+impl Origin {
+    pub(crate) fn new(file: &str, text: &str) -> Self {
+        Self { file: file.into(), text: text.into() }
+    }
+
+    pub(crate) fn fault<T>(&self, at: usize, fault: Fault) -> Result<T, ModelError> {
+        Err(ModelError::at(&self.file, &self.text, at, fault))
+    }
+}
+
+/// Where expressions are in the file, in bytes.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Places {
+    /// Of those components of force and moment that the file gives, by their names.
+    pub(crate) loads: HashMap<String, usize>,
+    /// Of the derivatives of further states.
+    pub(crate) states: Vec<usize>,
+    pub(crate) initial: Vec<usize>,
+    pub(crate) inputs: Vec<usize>,
+    pub(crate) parameters: Vec<usize>,
 }
 
 impl PartialEq for Model {
@@ -179,6 +212,7 @@ pub(crate) struct Nodes {
     pub(crate) sensors: Vec<Node>,
     pub(crate) scales: Vec<Node>,
     pub(crate) regressors: Vec<Vec<Node>>,
+    pub(crate) places: Places,
 }
 
 /// Mass, inertia and surroundings of an aircraft, in SI units.
@@ -261,5 +295,47 @@ impl Model {
         let slopes: Vec<Vec<f64>> =
             slopes.iter().map(|nodes| Program::new(&graph, nodes).values(values, &[])).collect();
         own.into_iter().enumerate().map(|(k, value)| (value, slopes.iter().map(|s| s[k]).collect())).collect()
+    }
+
+    /// For each coefficient of an equation that a parameter of the equations of motion is named like
+    /// (`equation,regressor`): that name, and the coefficient over the parameter, over some rows of the inputs.
+    ///
+    /// A coefficient is made dimensionless by the equation's scale, the parameter by whatever stands by it in
+    /// the forces: for the same force their ratio is that of the means of both.
+    pub fn equation_over_motion<'a>(
+        &self,
+        values: &[f64],
+        rows: impl Iterator<Item = &'a [f64]> + Clone,
+    ) -> Vec<(String, f64)> {
+        let mut out = Vec::new();
+        let state: Vec<f64> =
+            (0..self.state_count()).map(|k| if matches!(k, 0..=2 | 4..=6) { 0.0 } else { 1.0 }).collect();
+        for (e, equation) in self.equations.iter().enumerate() {
+            for (r, regressor) in equation.regressors.iter().enumerate() {
+                let label = format!("{},{regressor}", equation.name);
+                let Some(k) = self.parameters.iter().position(|p| p.label == label) else { continue };
+                let load = match equation.measured {
+                    Axis::Force(axis) => self.nodes.loads[axis],
+                    Axis::Moment(axis) => self.nodes.loads[3 + axis],
+                };
+                let mut graph = self.graph.clone();
+                let slope = graph.derivatives(&[load], Variable::Parameter(k))[0];
+                let nodes = [slope, self.nodes.regressors[e][r], self.nodes.scales[e]];
+                let program = Program::new(&graph, &nodes);
+                let mut registers = program.with_parameters(values);
+                let (mut by, mut scale) = (0.0, 0.0);
+                for row in rows.clone() {
+                    program.set_inputs(row, &mut registers);
+                    program.set_state(&state, &mut registers);
+                    by += program.output(0, &registers) / program.output(1, &registers);
+                    scale += program.output(2, &registers);
+                }
+                let ratio = by / scale;
+                if ratio.is_finite() && ratio != 0.0 {
+                    out.push((label, ratio));
+                }
+            }
+        }
+        out
     }
 }

@@ -3,11 +3,11 @@
 mod check;
 mod entries;
 
-use crate::document::{Section, Source, Text};
+use crate::document::{Section, Source, Text, shown};
 use crate::fault::{Fault, ModelError};
 use crate::graph::{Node, Variable};
-use crate::lower::Lower;
-use crate::model::{Axis, Equation, Model, Nodes};
+use crate::lower::{ACCELERATIONS, Lower};
+use crate::model::{Axis, Equation, Model, Nodes, Origin, Parameter};
 use crate::rigid_body::{BODY_PARAMETERS, Load, RigidBody, unit_of};
 use crate::unit::Unit;
 use entries::{Declared, declare};
@@ -15,6 +15,24 @@ use toml::de::DeTable;
 
 /// Bytes of a file, at most.
 const LARGEST_FILE: usize = 1_000_000;
+
+/// Keys of a file.
+const KEYS: [&str; 13] = [
+    "schema",
+    "name",
+    "source",
+    "text",
+    "inputs",
+    "parameters",
+    "definitions",
+    "states",
+    "forces",
+    "moments",
+    "derived",
+    "outputs",
+    "table",
+];
+const EQUATION: &str = "equation";
 
 /// What an expression may use.
 #[derive(Debug, Clone, Copy)]
@@ -33,7 +51,8 @@ impl Model {
     /// # Errors
     /// The first fault, with its line and column: text that is no TOML; unknown or missing keys; names that
     /// are taken or not defined; definitions in a circle; units that do not agree; a parameter without effect;
-    /// a file of more than a megabyte, a hundred states or inputs, or 50 000 operations.
+    /// a file of more than a megabyte, a hundred states or inputs, or 50 000 operations, a million in all
+    /// derivatives.
     pub fn parse(file: &str, text: &str) -> Result<Self, ModelError> {
         let source = Source { file, text };
         if text.len() > LARGEST_FILE {
@@ -50,6 +69,7 @@ impl Model {
         if schema.number()? != 2.0 {
             return source.fault(schema.at, Fault::Schema(schema.number()?.to_string()));
         }
+        root.only(&[&KEYS[..], &[EQUATION]].concat())?;
         Reading::new(&root, source)?.model(&root)
     }
 }
@@ -108,7 +128,6 @@ impl<'a> Reading<'a> {
         self.provide_accelerations(&acceleration.specific_force, &acceleration.angular);
         self.sensors()?;
         let equations = self.equations(root)?;
-        root.finish()?;
         let Declared { inputs, parameters, states, derived, sensors, .. } = self.declared.clone();
         let source = origin.unwrap_or_default();
         let text = text.unwrap_or_default();
@@ -126,7 +145,9 @@ impl<'a> Reading<'a> {
             equations,
             graph: self.lower.graph,
             nodes: self.nodes,
+            origin: Origin::new(self.lower.source.file, self.lower.source.text),
         };
+        check::derivatives_are_few(&model, self.lower.source)?;
         check::every_parameter_is_used(&model, &self.declared.parameters, &definitions, self.lower.source)?;
         Ok(model)
     }
@@ -144,6 +165,7 @@ impl<'a> Reading<'a> {
         let mut out = [self.lower.graph.constant(0.0); 3];
         for (node, axis) in out.iter_mut().zip(["x", "y", "z"]) {
             if let Some(text) = section.expression(axis)? {
+                self.nodes.places.loads.insert(format!("{axis} of [{key}]"), text.at);
                 *node = self.lower.expression(&format!("{axis} of [{key}]"), &text, Some(unit))?;
             }
         }
@@ -160,15 +182,21 @@ impl<'a> Reading<'a> {
                 let section = format!("state {name}");
                 return self.lower.source.fault(state.at, Fault::Missing { section, key: "derivative" });
             };
+            self.nodes.places.states.push(derivative.at);
             let node = self.lower.expression(&format!("the derivative of {name}"), &derivative, rate)?;
             self.nodes.rates.push(node);
             let what = format!("the initial value of {name}");
             let node = self.optional(&what, state.expressions.get(1), unit, INPUTS)?;
+            self.nodes
+                .places
+                .initial
+                .push(state.expressions.get(1).cloned().flatten().map_or(state.at, |t| t.at));
             self.nodes.initial.push(node);
         }
         for input in self.declared.inputs.clone() {
             let what = format!("the trim of {}", input.item.name);
             let node = self.optional(&what, input.expressions.first(), input.item.unit, PARAMETERS)?;
+            self.nodes.places.inputs.push(input.at);
             self.nodes.trim.push(node);
         }
         Ok(())
@@ -200,27 +228,45 @@ impl<'a> Reading<'a> {
             Variable::Parameter(_) => false,
         });
         let Some(variable) = wrong else { return Ok(node) };
-        let name = self.declared.name_of(variable);
-        self.lower
-            .source
-            .fault(text.at, Fault::NotHere { name, place: what.to_owned(), allows: allowed.words })
+        let (at, name) = self.lower.first_use(text, variable)?;
+        self.lower.source.fault(at, Fault::NotHere { name, place: what.to_owned(), allows: allowed.words })
     }
 
     fn values(&mut self) -> Result<(), ModelError> {
         for parameter in self.declared.parameters.clone() {
             let what = format!("the value of {}", parameter.item.name);
             let text = parameter.expressions.first().cloned().flatten();
-            let node = text.map(|text| self.restricted(&what, &text, parameter.item.unit, PARAMETERS));
-            self.nodes.values.push(node.transpose()?);
+            let node = match &text {
+                Some(text) => Some(self.restricted(&what, text, parameter.item.unit, PARAMETERS)?),
+                None => None,
+            };
+            if let (Some(node), Some(text)) = (node, text) {
+                self.within_bounds(&parameter.item, node, &text)?;
+            }
+            self.nodes.places.parameters.push(parameter.at);
+            self.nodes.values.push(node);
         }
         self.nodes.value_order =
             check::order_of_values(&self.lower.graph, &self.nodes.values).or_else(|circle| {
-                let names = circle.iter().map(|k| self.declared.parameters[*k].item.name.as_str());
+                let first = circle.first().into_iter();
+                let names =
+                    circle.iter().chain(first).map(|k| self.declared.parameters[*k].item.name.as_str());
                 let names: Vec<&str> = names.collect();
                 let at = circle.first().map_or(0, |k| self.declared.parameters[*k].at);
-                self.lower.source.fault(at, Fault::Circle(names.join(", ")))
+                self.lower.source.fault(at, Fault::Circle(names.join(" needs ")))
             })?;
         Ok(())
+    }
+
+    /// Refuses a number outside its own bounds.
+    fn within_bounds(&self, parameter: &Parameter, node: Node, text: &Text) -> Result<(), ModelError> {
+        let Some(value) = self.lower.graph.constant_value(node) else { return Ok(()) };
+        if value.is_finite() && (parameter.min..=parameter.max).contains(&value) {
+            return Ok(());
+        }
+        let key = format!("the value of {}", parameter.name);
+        let must = if value.is_finite() { "be between its min and its max" } else { "be a finite number" };
+        self.lower.source.fault(text.at, Fault::Number { key, value, must })
     }
 
     fn derived(&mut self) -> Result<(), ModelError> {
@@ -236,8 +282,8 @@ impl<'a> Reading<'a> {
         let linear = Unit::METRE.over(Unit::SECOND.to_the(2.0));
         let turning = Unit::SECOND.to_the(-2.0);
         for k in 0..3 {
-            self.lower.provide(["a_x", "a_y", "a_z"][k], specific_force[k], Some(linear));
-            self.lower.provide(["p_dot", "q_dot", "r_dot"][k], angular[k], Some(turning));
+            self.lower.provide(ACCELERATIONS[k], specific_force[k], Some(linear));
+            self.lower.provide(ACCELERATIONS[k + 3], angular[k], Some(turning));
         }
     }
 
@@ -254,15 +300,18 @@ impl<'a> Reading<'a> {
     }
 
     fn equations(&mut self, root: &Section<'a>) -> Result<Vec<Equation>, ModelError> {
-        let Some(entry) = root.get("equation") else { return Ok(Vec::new()) };
-        entry.sections("[[equation]]")?.iter().map(|section| self.equation(section)).collect()
+        entries::sections_of(root, EQUATION, "[[equation]]", self.lower.source)?
+            .iter()
+            .map(|section| self.equation(section))
+            .collect()
     }
 
     fn equation(&mut self, section: &Section<'a>) -> Result<Equation, ModelError> {
         let name = section.require("name")?.string()?;
         let measured = section.require("measured")?;
         let source = self.lower.source;
-        let axis = match measured.string()?.as_str() {
+        let word = measured.string()?;
+        let axis = match word.as_str() {
             "force_x" => Axis::Force(0),
             "force_y" => Axis::Force(1),
             "force_z" => Axis::Force(2),
@@ -270,7 +319,7 @@ impl<'a> Reading<'a> {
             "moment_y" => Axis::Moment(1),
             "moment_z" => Axis::Moment(2),
             _ => {
-                let (key, found) = ("measured".to_owned(), "another word");
+                let (key, found) = ("measured".to_owned(), format!("`{}`", shown(&word)));
                 let wanted = "force_x, force_y, force_z, moment_x, moment_y or moment_z";
                 return source.fault(measured.at, Fault::Kind { key, wanted, found });
             }
@@ -282,6 +331,10 @@ impl<'a> Reading<'a> {
         };
         let regressors = section.require("regressors")?;
         let texts = regressors.expressions()?;
+        if texts.len() > entries::MOST {
+            let (what, found, most) = ("regressors", texts.len(), entries::MOST);
+            return source.fault(regressors.at, Fault::TooMany { what, found, most });
+        }
         let names: Vec<String> = texts.iter().map(|t| t.text.trim().to_owned()).collect();
         let nodes: Result<Vec<Node>, ModelError> =
             texts.iter().map(|text| self.lower.expression("a regressor", text, None)).collect();
@@ -289,13 +342,21 @@ impl<'a> Reading<'a> {
         if let Some(entry) = section.get("fixed") {
             for value in entry.section(format!("`fixed` of {name}"))?.entries() {
                 let Some(k) = names.iter().position(|n| *n == value.key) else {
-                    let (name, near) = (value.key.clone(), names.clone());
-                    return source.fault(value.key_at, Fault::UnknownName { name, near });
+                    let (name, section) = (shown(&value.key), format!("`fixed` of {name}, as no regressor"));
+                    return source.fault(value.key_at, Fault::UnknownKey { name, section, near: names });
                 };
                 fixed.push((k, value.number()?));
             }
         }
-        let where_excited = section.string("when")?.is_some_and(|when| when == "excited");
+        let when = section.get("when");
+        let where_excited = when.is_some();
+        if let Some(when) = when
+            && when.string()? != "excited"
+        {
+            let (key, wanted, found) =
+                ("when".to_owned(), "\"excited\"", format!("`{}`", shown(&when.string()?)));
+            return source.fault(when.at, Fault::Kind { key, wanted, found });
+        }
         section.finish()?;
         self.nodes.scales.push(scale);
         self.nodes.regressors.push(nodes?);

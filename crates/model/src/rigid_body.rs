@@ -103,9 +103,11 @@ impl RigidBody {
     /// phi, theta, psi of the 3-2-1 sequence.
     pub(crate) fn euler_angles(&self, graph: &mut Graph) -> Vector {
         let r = self.rotation(graph);
-        let down = graph.negate(r[2][0]);
-        let theta = graph.apply(Function::Asin, down);
-        [graph.atan2(r[2][1], r[2][2]), theta, graph.atan2(r[1][0], r[0][0])]
+        let up = graph.negate(r[2][0]);
+        // An arc sine would lose half its digits near the vertical, and have no value where rounding exceeds one.
+        let squares = dot(graph, &r[2][1..], &r[2][1..]);
+        let across = graph.apply(Function::Sqrt, squares);
+        [graph.atan2(r[2][1], r[2][2]), graph.atan2(up, across), graph.atan2(r[1][0], r[0][0])]
     }
 
     /// Newton's and Euler's equations in body axes (Stevens & Lewis 2003, section 1.4), and kinematics: world
@@ -161,9 +163,6 @@ impl RigidBody {
         let momentum = inertia.map(|row| dot(graph, &row, &self.rates));
         let gyroscopic = cross(graph, momentum, self.rates);
         let total = [0, 1, 2].map(|k| graph.add(moment[k], gyroscopic[k]));
-        if [xy, xz, yz].iter().all(|product| graph.constant_value(*product) == Some(0.0)) {
-            return [0, 1, 2].map(|k| graph.divide(total[k], inertia[k][k]));
-        }
         // Rows of the adjugate of a symmetric matrix are cross products of its rows.
         let adjugate = [
             cross(graph, inertia[1], inertia[2]),

@@ -3,7 +3,18 @@
 use crate::model::Model;
 
 /// Names and texts of the models that come with the program.
-pub const SHELF: [(&str, &str); 1] = [("coaxial", include_str!("../shelf/coaxial.toml"))];
+pub const SHELF: [(&str, &str); 10] = [
+    ("coaxial", include_str!("../shelf/coaxial.toml")),
+    ("coaxial-lag", include_str!("../shelf/coaxial-lag.toml")),
+    ("quadrotor", include_str!("../shelf/quadrotor.toml")),
+    ("helicopter", include_str!("../shelf/helicopter.toml")),
+    ("fixed-wing-longitudinal", include_str!("../shelf/fixed-wing-longitudinal.toml")),
+    ("fixed-wing-lateral", include_str!("../shelf/fixed-wing-lateral.toml")),
+    ("thrown-body", include_str!("../shelf/thrown-body.toml")),
+    ("hfb320", include_str!("../shelf/hfb320.toml")),
+    ("attas-lateral", include_str!("../shelf/attas-lateral.toml")),
+    ("unstable-short-period", include_str!("../shelf/unstable-short-period.toml")),
+];
 
 /// A body without forces and moments of the air: what an aircraft is whose file names no model.
 const RIGID_BODY: &str = "schema = 2\nname = \"rigid body\"\n[forces]\nx = 0\n";

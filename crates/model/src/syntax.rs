@@ -1,5 +1,6 @@
 //! The text of an expression as a tree.
 
+use crate::document::shown;
 use crate::fault::Fault;
 
 /// A part of an expression and where its text begins, in bytes.
@@ -20,6 +21,22 @@ pub(crate) enum Kind {
     Product(Vec<(bool, Part)>),
     Power(Box<Part>, Box<Part>),
     Call(String, Vec<Part>),
+}
+
+impl Part {
+    /// All names of values in it, each with its place, in the order of the text.
+    pub(crate) fn names(&self) -> Vec<(usize, &str)> {
+        match &self.kind {
+            Kind::Number(_) => Vec::new(),
+            Kind::Name(name) => vec![(self.at, name)],
+            Kind::Negative(inner) => inner.names(),
+            Kind::Sum(parts) | Kind::Product(parts) => {
+                parts.iter().flat_map(|(_, part)| part.names()).collect()
+            }
+            Kind::Power(base, exponent) => base.names().into_iter().chain(exponent.names()).collect(),
+            Kind::Call(_, arguments) => arguments.iter().flat_map(Self::names).collect(),
+        }
+    }
 }
 
 /// Parentheses within parentheses, at most: what a person still reads.
@@ -51,7 +68,7 @@ pub(crate) fn parse(text: &str) -> Placed<Part> {
 fn describe(token: &Token) -> String {
     match token {
         Token::Number(value) => value.to_string(),
-        Token::Name(name) => name.clone(),
+        Token::Name(name) => shown(name),
         Token::Sign(c) => c.to_string(),
     }
 }
@@ -77,7 +94,7 @@ fn tokens(text: &str) -> Placed<Vec<(usize, Token)>> {
             });
             let number: Result<f64, _> = text[at..end].parse();
             let value = number.ok().filter(|v| v.is_finite());
-            let value = value.ok_or_else(|| (at, Fault::NotANumber(text[at..end].to_owned())))?;
+            let value = value.ok_or_else(|| (at, Fault::NotANumber(shown(&text[at..end]))))?;
             out.push((at, Token::Number(value)));
             end
         } else if c.is_alphabetic() || c == '_' {

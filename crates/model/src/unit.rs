@@ -40,16 +40,26 @@ impl Unit {
     /// The part that is no unit.
     pub fn parse(text: &str) -> Result<Self, String> {
         let mut out = Self::ONE;
-        let spaced = text.replace(['*', '·'], " ").replace('/', " /");
+        let spaced = text.replace(['*', '·'], " ").replace('/', " / ");
+        let mut sign = 1;
         for part in spaced.split_whitespace() {
-            let (sign, part) = part.strip_prefix('/').map_or((1, part), |rest| (-1, rest));
+            if part == "/" && sign == 1 {
+                sign = -1;
+                continue;
+            }
             let (name, power) = part.split_once('^').unwrap_or((part, "1"));
             let known = KNOWN.iter().find(|(known, _)| *known == name);
             let power: Option<i16> = power.parse().ok().filter(|n: &i16| n.abs() <= 12);
             let (Some((_, exponents)), Some(power)) = (known, power) else { return Err(part.to_owned()) };
             out = out.times(Self(exponents.map(|e| e * PART)).to_the(f64::from(sign * power)));
+            sign = 1;
         }
-        Ok(out)
+        if sign == 1 { Ok(out) } else { Err("/".to_owned()) }
+    }
+
+    /// As messages write it.
+    pub(crate) fn words(self) -> String {
+        if self == Self::ONE { "without unit".to_owned() } else { self.to_string() }
     }
 
     pub(crate) fn times(self, other: Self) -> Self {
@@ -68,11 +78,12 @@ impl Unit {
 
 impl fmt::Display for Unit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        // A unit with a name of its own, alone or times seconds: "N s" is read sooner than "m kg/s".
-        for (name, exponents) in KNOWN.iter().skip(5) {
+        // A unit with a name of its own, alone or times others: "N s" is read sooner than "m kg/s".
+        // A moment is N m, not J, and a rate 1/s, not Hz.
+        for (name, exponents) in KNOWN.iter().skip(5).filter(|(name, _)| !["J", "Hz"].contains(name)) {
             let own = Self(exponents.map(|e| e * PART));
             if *self == own {
-                return f.write_str(if *name == "rad" { "1" } else { name });
+                return f.write_str(name);
             }
         }
         let newton = Self([PART, PART, -2 * PART, 0, 0]);
@@ -117,12 +128,16 @@ mod tests {
         for (text, written) in [
             ("N m s/rad", "N m s"),
             ("kg m^2", "m^2 kg"),
-            ("1/s", "Hz"),
+            ("1/s", "1/s"),
+            ("Hz", "1/s"),
+            ("J", "N m"),
+            ("V s/rad", "V s"),
             ("kg m/s^2", "N"),
             ("rad", "1"),
             ("s/m", "s/m"),
             ("N s", "N s"),
             ("kg/m^3", "kg/m^3"),
+            ("kg / m^3", "kg/m^3"),
         ] {
             let unit = Unit::parse(text).expect(text);
             assert_eq!(Unit::parse(&unit.to_string()), Ok(unit), "{text}");
@@ -130,5 +145,7 @@ mod tests {
         }
         assert_eq!(Unit::parse("N parsec"), Err("parsec".to_owned()));
         assert_eq!(Unit::parse("m^x"), Err("m^x".to_owned()));
+        assert_eq!(Unit::parse("m//s"), Err("/".to_owned()));
+        assert_eq!(Unit::parse("m/"), Err("/".to_owned()));
     }
 }

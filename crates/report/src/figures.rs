@@ -126,8 +126,23 @@ fn png(rgb: Vec<u8>, width: u32, height: u32) -> Result<Vec<u8>, ReportError> {
     Ok(bytes.into_inner())
 }
 
-pub(crate) fn inputs(recorded: &InputSeries) -> Result<Figure, ReportError> {
-    let samples = HelicopterInput::series(recorded)?;
+/// Figure 7: the helicopter's inputs as in the paper, those of another aircraft each in a panel of its own;
+/// none where no input was recorded.
+pub(crate) fn inputs(recorded: &InputSeries) -> Result<Option<Figure>, ReportError> {
+    let of_helicopter = |name: &String| HelicopterInput::COLUMNS.contains(&name.as_str());
+    let panels = if recorded.names().iter().any(of_helicopter) {
+        helicopter_inputs(&HelicopterInput::series(recorded)?)
+    } else {
+        let panel = |(k, name): (usize, &String)| {
+            let points = recorded.times_s().iter().enumerate().map(|(row, t_s)| (*t_s, recorded.row(row)[k]));
+            Panel { axis: name.clone(), curves: vec![curve("input", Role::Estimate, points)] }
+        };
+        recorded.names().iter().enumerate().map(panel).collect()
+    };
+    (!panels.is_empty()).then(|| figure("Figure 7: recorded inputs.", panels)).transpose()
+}
+
+fn helicopter_inputs(samples: &[HelicopterInput]) -> Vec<Panel> {
     // Thinned one by one: an hour's inputs are many.
     let series = |label: &str, role: Role, f: Of<'_, HelicopterInput>| {
         curve(label, role, samples.iter().map(|s| (s.t_s, f(s))))
@@ -139,13 +154,10 @@ pub(crate) fn inputs(recorded: &InputSeries) -> Result<Figure, ReportError> {
             series("lower rotor, lateral", Role::Model, lower),
         ],
     };
-    figure(
-        "Figure 7: recorded inputs.",
-        vec![
-            panel("rotor speed, rad/s", &|s| s.omega_u_rad_s, &|s| s.omega_l_rad_s),
-            panel("swash-plate, °", &|s| s.delta_lon_rad.to_degrees(), &|s| s.delta_lat_rad.to_degrees()),
-        ],
-    )
+    vec![
+        panel("rotor speed, rad/s", &|s| s.omega_u_rad_s, &|s| s.omega_l_rad_s),
+        panel("swash-plate, °", &|s| s.delta_lon_rad.to_degrees(), &|s| s.delta_lat_rad.to_degrees()),
+    ]
 }
 
 /// Captions of figures 8 to 11, and what their three panels show.
@@ -250,4 +262,25 @@ pub(crate) fn quality(results: &RunResults) -> Result<Vec<Figure>, ReportError> 
             panel("attitude, °", &|e| (trace(e, 3) / 3.0).sqrt().to_degrees()),
         ],
     )?])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn inputs_of_any_aircraft_are_drawn_under_their_names() {
+        let of = |names: &[&str]| {
+            let all: Vec<String> = names.iter().map(|n| (*n).to_owned()).collect();
+            let values = (0..2 * names.len()).map(|k| k as f64).collect();
+            inputs(&InputSeries::new(all, vec![0.0, 1.0], values).expect("inputs"))
+        };
+        let quadrotor = of(&["motor_1", "motor_2"]).expect("a figure").expect("inputs").markup;
+        assert!(quadrotor.contains("motor_1") && quadrotor.contains("motor_2"));
+        assert!(!quadrotor.contains("swash-plate"));
+        let helicopter = of(&HelicopterInput::COLUMNS).expect("a figure").expect("inputs").markup;
+        assert!(helicopter.contains("swash-plate") && helicopter.contains("rotor speed"));
+        assert!(of(&[]).expect("nothing to draw").is_none());
+        assert!(matches!(of(&["omega_u_rad_s"]), Err(ReportError::Inputs(_))));
+    }
 }

@@ -47,7 +47,7 @@ pub fn write_report(
         pictures.extend(figures::pictures(flight.frames, results)?);
         report.add("Cameras", camera_tables(rig), pictures);
     }
-    let inputs = flight.inputs.map(figures::inputs).transpose()?;
+    let inputs = flight.inputs.map(figures::inputs).transpose()?.flatten();
     report.add("Aircraft and inputs", vec![vehicle_table(flight.vehicle)], inputs.into_iter().collect());
     report.add("Motion", vec![], figures::motion(results, flight.truth)?);
     report.add("Coefficients", equation_error::tables(results), equation_error::figures(results)?);

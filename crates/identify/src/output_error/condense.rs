@@ -1,7 +1,6 @@
 //! All segments as one quadratic of the start, the parameters and the nuisances, and as one linear model.
 
-use super::propagate::TANGENT;
-use super::shooting::{Evaluation, Place, gap_information};
+use super::shooting::{Evaluation, Place};
 use crate::IdentifyError;
 use crate::inverse::inverse;
 use nalgebra::{DMatrix, DMatrixView, DVector};
@@ -28,9 +27,9 @@ impl Condensed {
     /// Folds the segments into the first from the last on: at each gap the next start is eliminated, with x =
     /// u + c, u the end of the segment before and c held near zero (Bock 1983; Albersmeyer & Diehl 2010).
     pub(crate) fn new(at: &Evaluation, penalty: Penalty) -> Result<Self, IdentifyError> {
-        let n = at.prior.nrows();
+        let (n, tangent) = (at.prior.nrows(), at.tangent);
         // All but the nuisances and the constant.
-        let damped_rows = n - 1 - (at.prior.ncols() - TANGENT);
+        let damped_rows = tangent + at.parameters;
         let quadratic = |s: usize| {
             let rows = &at.segments[s].rows;
             let mut q = rows * rows.transpose();
@@ -40,29 +39,28 @@ impl Condensed {
             (0..damped_rows).for_each(|i| q[(i, i)] *= 1.0 + penalty.damping);
             q
         };
-        let information = gap_information(penalty.tightness);
+        let information = DMatrix::from_diagonal(&at.gap_information(penalty.tightness));
         let mut gains = Vec::with_capacity(at.segments.len());
         let mut q = quadratic(at.segments.len() - 1);
         for s in (0..at.segments.len() - 1).rev() {
-            let block = q.fixed_view::<TANGENT, TANGENT>(0, 0) + information;
-            let top = q.rows(0, TANGENT).into_owned();
-            let gain = block.cholesky().ok_or(IdentifyError::RankZero)?.solve(&q.fixed_rows::<TANGENT>(0));
+            let block = q.view((0, 0), (tangent, tangent)) + &information;
+            let top = q.rows(0, tangent).into_owned();
+            let gain = block.cholesky().ok_or(IdentifyError::RankZero)?.solve(&top);
             q -= top.transpose() * &gain;
             // Top rows as W (L + W)⁻¹ L in place of L - L (L + W)⁻¹ L, which cancels where W is small against
             // L.
-            let mut top = information * &gain;
-            let corner = top.fixed_columns::<TANGENT>(0).into_owned();
-            top.fixed_columns_mut::<TANGENT>(0).copy_from(&((corner + corner.transpose()) * 0.5));
-            q.rows_mut(0, TANGENT).copy_from(&top);
-            q.columns_mut(0, TANGENT).copy_from(&top.transpose());
+            let mut top = &information * &gain;
+            let corner = top.columns(0, tangent).into_owned();
+            top.columns_mut(0, tangent).copy_from(&((&corner + corner.transpose()) * 0.5));
+            q.rows_mut(0, tangent).copy_from(&top);
+            q.columns_mut(0, tangent).copy_from(&top.transpose());
             gains.push(gain);
             q = fold(q, &at.segments[s].next) + quadratic(s);
         }
-        let mut starts = vec![DMatrix::identity(TANGENT, n)];
+        let mut starts = vec![DMatrix::identity(tangent, n)];
         for (segment, gain) in at.segments.iter().zip(gains.iter().rev()) {
             let end = carried(&segment.next, &starts[starts.len() - 1]);
-            let gain = DMatrix::from_column_slice(TANGENT, n, gain.as_slice());
-            starts.push(&end - carried(&gain, &end));
+            starts.push(&end - carried(gain, &end));
         }
         Ok(Self { quadratic: q, starts })
     }
@@ -87,20 +85,22 @@ impl Condensed {
 
 /// A function of a segment's variables as one of the flight's, of which the segment's start is a function.
 fn carried(function: &DMatrix<f64>, start: &DMatrix<f64>) -> DMatrix<f64> {
-    let mut out = function.columns(0, TANGENT) * start;
-    let rest = function.ncols() - TANGENT;
-    out.columns_mut(TANGENT, rest).zip_apply(&function.columns(TANGENT, rest), |o, f| *o += f);
+    let tangent = function.nrows();
+    let mut out = function.columns(0, tangent) * start;
+    let rest = function.ncols() - tangent;
+    out.columns_mut(tangent, rest).zip_apply(&function.columns(tangent, rest), |o, f| *o += f);
     out
 }
 
 /// Puts what one segment leads to in the place of the next one's start.
 fn fold(q: DMatrix<f64>, next: &DMatrix<f64>) -> DMatrix<f64> {
-    let mut top = q.rows(0, TANGENT).into_owned();
-    let corner = top.columns(0, TANGENT).into_owned();
-    top.columns_mut(0, TANGENT).fill(0.0);
+    let tangent = next.nrows();
+    let mut top = q.rows(0, tangent).into_owned();
+    let corner = top.columns(0, tangent).into_owned();
+    top.columns_mut(0, tangent).fill(0.0);
     let mut rest = q;
-    rest.rows_mut(0, TANGENT).fill(0.0);
-    rest.columns_mut(0, TANGENT).fill(0.0);
+    rest.rows_mut(0, tangent).fill(0.0);
+    rest.columns_mut(0, tangent).fill(0.0);
     let mixed = next.transpose() * (top + corner * next * 0.5);
     rest + &mixed + mixed.transpose()
 }
@@ -112,11 +112,13 @@ pub(crate) struct Linear {
     /// was measured less what was predicted, in the units of the weights.
     pub(crate) rows: DMatrix<f64>,
     pub(crate) places: Vec<Place>,
+    /// Degrees of freedom of the start.
+    pub(crate) tangent: usize,
 }
 
 impl Linear {
     pub(crate) fn new(at: &Evaluation, condensed: &Condensed) -> Self {
-        let n = at.prior.nrows();
+        let (n, tangent) = (at.prior.nrows(), at.tangent);
         let mut rows = DMatrix::zeros(n, at.places.len() + at.prior.ncols());
         let mut first = 0;
         // Gaps answer to every unknown, if by little: the penalty is finite, and an unstable flight
@@ -124,12 +126,12 @@ impl Linear {
         for (segment, start) in at.segments.iter().zip(&condensed.starts) {
             let count = segment.rows.ncols();
             let mut out = rows.columns_mut(first, count);
-            out.rows_mut(TANGENT, n - TANGENT).copy_from(&segment.rows.rows(TANGENT, n - TANGENT));
-            out += start.transpose() * segment.rows.rows(0, TANGENT);
+            out.rows_mut(tangent, n - tangent).copy_from(&segment.rows.rows(tangent, n - tangent));
+            out += start.transpose() * segment.rows.rows(0, tangent);
             first += count;
         }
         rows.columns_mut(first, at.prior.ncols()).copy_from(&at.prior);
-        Self { rows, places: at.places.clone() }
+        Self { rows, places: at.places.clone(), tangent }
     }
 
     pub(crate) fn unknowns(&self) -> usize {
@@ -173,8 +175,8 @@ impl Linear {
     /// What is known of so many parameters, were all rows white.
     pub(crate) fn bound(&self, parameters: usize) -> Result<Bound, IdentifyError> {
         let all = inverse(&self.information()).ok_or(IdentifyError::RankZero)?;
-        let covariance = all.view((TANGENT, TANGENT), (parameters, parameters)).into_owned();
-        Ok(Bound { covariance, influence: all.rows(TANGENT, parameters) * self.by() })
+        let covariance = all.view((self.tangent, self.tangent), (parameters, parameters)).into_owned();
+        Ok(Bound { covariance, influence: all.rows(self.tangent, parameters) * self.by() })
     }
 }
 

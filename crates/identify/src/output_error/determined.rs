@@ -2,29 +2,54 @@
 
 use super::condense::Linear;
 use super::fitter::Fitter;
-use super::model::ModelParameter;
-use super::propagate::TANGENT;
+use super::model::{FlightModel, ModelParameter};
 use crate::IdentifyError;
 use crate::inverse::inverse;
-use mavsight_flight::Coefficient as C;
 use mavsight_geometry::svd::jacobi_svd;
+use mavsight_model::BODY_PARAMETERS;
 use nalgebra::DVector;
 
 /// A change by ten times a parameter's size must be seen by one standard deviation.
 const SEEN_SIZES: f64 = 10.0;
 
-/// A size of a parameter below which an uncertainty is worth having: its value, at the start or now, or an
-/// effect of one hundredth of the weight (over the rotor's radius; per m/s, per 10 rad/s); 10 ms for the lag.
-pub(crate) fn typical(parameter: ModelParameter, fitter: &Fitter<'_>) -> f64 {
-    let model = &fitter.start;
-    let effect = 0.01 * (model.coefficients.get(C::CzU) + model.coefficients.get(C::CzL)).abs();
-    let floor = match parameter {
-        ModelParameter::InputLag => 0.01,
-        ModelParameter::Coefficient(C::TauLower | C::TauFlybar | C::SwashplateGain | C::FlybarGain) => 0.0,
-        ModelParameter::Coefficient(C::ClP | C::CmQ | C::CnR) => 0.1 * effect,
-        ModelParameter::Coefficient(_) => effect,
+/// Sizes of the free parameters below which an uncertainty is worth having: the value, at the start or now,
+/// or what makes an acceleration of a hundredth of gravity; 10 ms for the lag.
+///
+/// The acceleration is that of the body, or of a point at three radii of gyration for a turn, about trim at
+/// 1 m/s and 10 rad/s with further states at their usual excursions.
+pub(crate) fn typical_sizes(fitter: &Fitter<'_>) -> Vec<f64> {
+    let (before, now) = (&fitter.start, &fitter.point.model);
+    let model = before.model();
+    let equations = &fitter.problem.equations;
+    let mut evaluation = equations.dynamics.with(&equations.values(before));
+    let trim = model.trim(before.values());
+    evaluation.set_inputs(&trim);
+    let mut y = vec![0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 10.0, 10.0, 10.0];
+    let initial = model.initial(before.values(), &trim);
+    y.extend(initial.iter().zip(&model.states).map(|(value, state)| value + state.size));
+    evaluation.linearise(&y, &mut vec![0.0; y.len()]);
+    let [mass_kg, i_xx, i_yy, i_zz, .., gravity_m_s2, _] = before.values()[..BODY_PARAMETERS.len()] else {
+        return Vec::new();
     };
-    model.value(parameter).abs().max(fitter.point.model.value(parameter).abs()).max(floor)
+    let linear = 0.01 * gravity_m_s2;
+    let turning = [i_xx, i_yy, i_zz].map(|inertia| linear / (3.0 * (inertia / mass_kg).sqrt()));
+    let mut floors = vec![0.0; before.free().len()];
+    for slope in evaluation.by_parameter() {
+        let limit = match slope.row {
+            7..=9 => linear,
+            10..=12 => turning[slope.row - 10],
+            _ => continue,
+        };
+        let floor: &mut f64 = &mut floors[equations.places[slope.column]];
+        let own = limit / slope.value.abs();
+        if own.is_finite() && (*floor == 0.0 || own < *floor) {
+            *floor = own;
+        }
+    }
+    equations.lag.into_iter().for_each(|lag| floors[lag] = 0.01);
+    let size =
+        |(floor, p): (f64, &ModelParameter)| floor.max(before.value(*p).abs()).max(now.value(*p).abs());
+    floors.into_iter().zip(before.free()).map(size).collect()
 }
 
 /// Refuses a fit in which a combination of parameters changes nothing that was measured.
@@ -34,17 +59,17 @@ pub(crate) fn typical(parameter: ModelParameter, fitter: &Fitter<'_>) -> f64 {
 /// digits.
 pub(crate) fn refuse_undetermined(fitter: &Fitter<'_>, linear: &Linear) -> Result<(), IdentifyError> {
     let free = fitter.free();
-    let p = free.len();
-    let size = DVector::from_iterator(p, free.iter().map(|q| typical(*q, fitter)));
+    let (p, tangent) = (free.len(), linear.tangent);
+    let size = DVector::from_vec(typical_sizes(fitter));
     let a = linear.information();
-    let mine: Vec<usize> = (TANGENT..TANGENT + p).collect();
-    let rest: Vec<usize> = (0..TANGENT).chain(TANGENT + p..a.nrows()).collect();
+    let mine: Vec<usize> = (tangent..tangent + p).collect();
+    let rest: Vec<usize> = (0..tangent).chain(tangent + p..a.nrows()).collect();
     let a_rm = a.select_rows(&rest).select_columns(&mine);
     let follow = inverse(&a.select_rows(&rest).select_columns(&rest)).ok_or(IdentifyError::RankZero)? * &a_rm;
     let marginal = a.select_rows(&mine).select_columns(&mine) - a_rm.tr_mul(&follow);
     // In units of the information on each parameter alone: that keeps the digits of weak ones.
     let unit = DVector::from_fn(p, |i, _| {
-        let own = a[(TANGENT + i, TANGENT + i)];
+        let own = a[(tangent + i, tangent + i)];
         if own > 0.0 { 1.0 / own.sqrt() } else { size[i] }
     });
     let symmetric = (&marginal + marginal.transpose()) * 0.5;
@@ -57,28 +82,27 @@ pub(crate) fn refuse_undetermined(fitter: &Fitter<'_>, linear: &Linear) -> Resul
         }
         let direction = direction * (SEEN_SIZES / largest);
         let mut step = DVector::zeros(a.nrows());
-        step.rows_mut(TANGENT, p).copy_from(&direction);
+        step.rows_mut(tangent, p).copy_from(&direction);
         rest.iter().zip(&(&follow * &direction)).for_each(|(row, value)| step[*row] = -value);
         if linear.change(&step) < 1.0 {
-            return Err(refusal(free, &direction, &direction.component_div(&size)));
+            return Err(refusal(&fitter.start, &direction, &direction.component_div(&size)));
         }
     }
     Ok(())
 }
 
-fn refusal(free: &[ModelParameter], direction: &DVector<f64>, sizes: &DVector<f64>) -> IdentifyError {
+fn refusal(model: &FlightModel, direction: &DVector<f64>, sizes: &DVector<f64>) -> IdentifyError {
+    let free = model.free();
+    let name = |k: usize| model.name(free[k]);
     let largest = sizes.amax();
     let named: Vec<usize> = (0..free.len()).filter(|k| sizes[*k].abs() > 0.02 * largest).collect();
     let lead = sizes.iamax();
-    let part = |k: &usize| format!("{:+.4}·{}", direction[*k] / direction[lead], free[*k].name());
+    let part = |k: &usize| format!("{:+.4}·{}", direction[*k] / direction[lead], name(*k));
     let change = named.iter().map(part).collect::<Vec<_>>().join(" ");
     let mut combination = format!("a change along {change} leaves every measurement as it is");
     if let [i, j] = named[..] {
         let factor = -direction[i] / direction[j];
-        combination += &format!(", only {} {factor:+.4}·{} is seen", free[i].name(), free[j].name());
+        combination += &format!(", only {} {factor:+.4}·{} is seen", name(i), name(j));
     }
-    IdentifyError::NotDetermined {
-        names: named.iter().map(|k| free[*k].name().to_owned()).collect(),
-        combination,
-    }
+    IdentifyError::NotDetermined { names: named.iter().map(|k| name(*k).to_owned()).collect(), combination }
 }

@@ -1,7 +1,7 @@
 //! The expected result of an output-error fit of a planned flight.
 
 use super::condense::Bound;
-use super::determined::{refuse_undetermined, typical};
+use super::determined::{refuse_undetermined, typical_sizes};
 use super::fitter::{Begin, Fitter, Recorded, TIGHTNESS};
 use super::measure::{Measurements, StateMeasurement};
 use super::model::{FlightModel, ModelParameter};
@@ -10,7 +10,7 @@ use super::row::whitener;
 use super::start::segment_starts;
 use crate::IdentifyError;
 use crate::inverse::log_determinant;
-use mavsight_flight::{InputSeries, StateVector};
+use mavsight_flight::InputSeries;
 use mavsight_geometry::Isometry3;
 use nalgebra::{DMatrix, DVector, Matrix6xX};
 
@@ -22,7 +22,7 @@ pub struct ExpectedParameter {
     /// The parameter.
     pub parameter: ModelParameter,
     /// Name of the parameter.
-    pub name: &'static str,
+    pub name: String,
     /// Value in the planned flight.
     pub value: f64,
     /// Standard deviation that an estimate will have: the Cramér-Rao bound.
@@ -41,7 +41,7 @@ pub struct ExpectedFit {
     pub covariance: DMatrix<f64>,
     /// The combination that changes nothing that is measured, where there is one.
     pub undetermined: Option<String>,
-    states: Vec<StateVector>,
+    states: Vec<Vec<f64>>,
     measured: Vec<StateMeasurement>,
     /// What each parameter's size is, with which half its interval is compared.
     typical: Vec<f64>,
@@ -64,7 +64,7 @@ pub fn expected_fit(
     model: &FlightModel,
     inputs: &InputSeries,
     measured: Vec<StateMeasurement>,
-    states: &[StateVector],
+    states: &[Vec<f64>],
     options: &OutputErrorOptions,
 ) -> Result<ExpectedFit, IdentifyError> {
     if model.free().is_empty() {
@@ -79,18 +79,19 @@ pub fn expected_fit(
     let measurements = Measurements::States(measured.clone());
     measurements.check()?;
     let starts = segment_starts(&measurements.times_s(), options.segment_s);
-    let nodes = starts.into_iter().map(|k| (k, states[k])).collect();
+    let nodes = starts.into_iter().map(|k| (k, states[k].clone())).collect();
     let begin = Begin { model: model.clone(), nodes };
+    let inputs = &model.inputs_of(inputs)?;
     let fitter = Fitter::new(model, begin, Recorded { inputs, measurements: &measurements }, options)?;
     let linear = fitter.linearised(TIGHTNESS[3])?;
     let undetermined = refuse_undetermined(&fitter, &linear).err().map(|e| e.to_string());
     let Bound { covariance, influence } = linear.bound(model.free().len())?;
-    let typical: Vec<f64> = model.free().iter().map(|p| typical(*p, &fitter)).collect();
+    let typical = typical_sizes(&fitter);
     let expected = |(k, parameter): (usize, &ModelParameter)| {
         let std = covariance[(k, k)].sqrt();
         ExpectedParameter {
             parameter: *parameter,
-            name: parameter.name(),
+            name: model.name(*parameter).to_owned(),
             value: model.value(*parameter),
             std,
             identifiable: undetermined.is_none() && NORMAL_95 * std < typical[k],

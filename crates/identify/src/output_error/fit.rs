@@ -3,12 +3,11 @@
 use super::colour::Colour;
 use super::condense::Linear;
 use super::covariance::{Covariance, correlation_lag};
-use super::determined::{refuse_undetermined, typical};
+use super::determined::{refuse_undetermined, typical_sizes};
 use super::fitter::{Fitter, LONGEST_STEP_S, PROMISE, Recorded, TIGHTNESS};
 use super::measure::Measurements;
 use super::model::{FlightModel, ModelParameter};
 use super::options::{NoiseModel, OutputErrorOptions};
-use super::propagate::TANGENT;
 use super::result::{FittedParameter, OutputErrorFit, SystematicErrors};
 use super::start::begin;
 use crate::inverse::inverse;
@@ -41,6 +40,7 @@ pub fn output_error(
         return Err(IdentifyError::NothingFree);
     }
     measurements.check()?;
+    let inputs = &model.inputs_of(inputs)?;
     let recorded = Recorded { inputs, measurements };
     let mut fitter = Fitter::new(model, begin(model, recorded, options.segment_s)?, recorded, options)?;
     let tightness = TIGHTNESS[3];
@@ -123,23 +123,24 @@ fn assemble(
     if let Some(uneven) = &known.uneven {
         covariance = no_less_than(&covariance, uneven);
     }
-    let degrees = linear.places.len().saturating_sub(p + TANGENT).max(1);
+    let degrees = linear.places.len().saturating_sub(p + linear.tangent).max(1);
     let t = student_quantile_975(degrees);
+    let sizes = typical_sizes(fitter);
     let fitted = |(k, parameter): (usize, &ModelParameter)| {
         let (value, std) = (fitter.point.model.value(*parameter), covariance[(k, k)].sqrt());
         FittedParameter {
             parameter: *parameter,
-            name: parameter.name(),
+            name: fitter.point.model.name(*parameter).to_owned(),
             value,
             std,
             bound_std: bound[(k, k)].sqrt(),
             ci_low: value - t * std,
             ci_high: value + t * std,
-            identifiable: t * std < typical(*parameter, fitter),
+            identifiable: t * std < sizes[k],
         }
     };
     let parameters: Vec<FittedParameter> = fitter.free().iter().enumerate().map(fitted).collect();
-    let largest_gap_m = fitter.at.gaps().map(|gap| gap.fixed_rows::<3>(0).norm()).fold(0.0, f64::max);
+    let largest_gap_m = fitter.at.gaps().map(|gap| gap.rows(0, 3).norm()).fold(0.0, f64::max);
     let variances = colour.map(|c| c.variances().collect::<Vec<f64>>());
     let factor = |(k, w): (usize, &f64)| w.powi(-2) * variances.as_ref().map_or(1.0, |v| v[k]);
     let factors = problem.weights.iter().enumerate().map(factor);
@@ -198,7 +199,7 @@ fn notes(
             "Residuals are larger at some times than at others; standard deviations allow for it.".to_owned(),
         );
     }
-    let vague: Vec<&str> = parameters.iter().filter(|p| !p.identifiable).map(|p| p.name).collect();
+    let vague: Vec<&str> = parameters.iter().filter(|p| !p.identifiable).map(|p| p.name.as_str()).collect();
     if !vague.is_empty() {
         out.push(format!("The flight hardly determines {}.", vague.join(", ")));
     }

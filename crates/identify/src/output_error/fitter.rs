@@ -2,13 +2,13 @@
 
 use super::condense::{Condensed, Linear, Penalty};
 use super::measure::Measurements;
-use super::model::{FlightModel, ModelParameter};
-use super::options::{InitialFlapping, OutputErrorOptions};
-use super::propagate::TANGENT;
-use super::shooting::{Evaluation, Point, Shooting};
+use super::model::{Equations, FlightModel, ModelParameter};
+use super::options::{InitialStates, OutputErrorOptions};
+use super::shooting::{Evaluation, ParameterPrior, Point, Shooting, gap_std};
 use crate::IdentifyError;
 use crate::inverse::inverse;
-use mavsight_flight::{Coefficient, HelicopterInput, InputSeries, StateVector};
+use mavsight_flight::InputSeries;
+use mavsight_model::{FurtherState, RIGID_STATES};
 use nalgebra::DVector;
 
 /// Tightness of the gaps: loose enough for any start, then far below what is measured. With the last one a
@@ -22,9 +22,8 @@ const LEAST_VARIANCE_FACTOR: f64 = 1e-4;
 pub(super) const LONGEST_STEP_S: [f64; 2] = [0.01, 0.005];
 /// Residuals of the mean size that each channel has in addition: a few of its own bear no large weight.
 const MORE_RESIDUALS: f64 = 10.0;
-/// Standard deviation of the flapping angles at the start in trim, and free.
-const TRIM_STD_RAD: f64 = 1e-6;
-const FREE_STD_RAD: f64 = 0.2;
+/// Standard deviation of a further state whose value at the start is known, over its usual excursion.
+const KNOWN_SHARE: f64 = 5e-6;
 
 /// Damping of a step that closes gaps and little else.
 const RESTORING: f64 = 100.0;
@@ -46,7 +45,7 @@ pub(crate) struct Fitter<'a> {
 pub(super) struct Begin {
     pub(super) model: FlightModel,
     /// States with which the segments begin, each with its instant.
-    pub(super) nodes: Vec<(usize, StateVector)>,
+    pub(super) nodes: Vec<(usize, Vec<f64>)>,
 }
 
 #[derive(Clone, Copy)]
@@ -55,8 +54,17 @@ pub(super) struct Recorded<'a> {
     pub(super) measurements: &'a Measurements,
 }
 
+/// Standard deviation of a further state at the beginning of what is fitted.
+fn initial_std(state: &FurtherState, initial: InitialStates) -> f64 {
+    match initial {
+        InitialStates::AsModelled => state.initial_std.max(KNOWN_SHARE * state.size),
+        InitialStates::Free => state.size,
+    }
+}
+
 impl<'a> Fitter<'a> {
-    /// A fit that begins at given values; `start` has the values before the fit.
+    /// A fit that begins at given values; `start` has the values before the fit. Inputs are those that the
+    /// model reads, in its order.
     pub(super) fn new(
         start: &FlightModel,
         begin: Begin,
@@ -65,32 +73,35 @@ impl<'a> Fitter<'a> {
     ) -> Result<Self, IdentifyError> {
         let (Begin { model, nodes }, Recorded { inputs, measurements }) = (begin, recorded);
         let times_s = measurements.times_s();
-        let (mut bounds, mut starts): (Vec<usize>, Vec<StateVector>) = nodes.into_iter().unzip();
+        let (mut bounds, mut starts): (Vec<usize>, Vec<Vec<f64>>) = nodes.into_iter().unzip();
         bounds.push(times_s.len());
         inputs.require(times_s[times_s.len() - 1] - model.input_lag_s)?;
-        let series = HelicopterInput::series(inputs)?;
-        let input = HelicopterInput::require(&series, inputs, times_s[bounds[0]] - model.input_lag_s)?;
-        let kb = model.coefficients.get(Coefficient::SwashplateGain);
-        starts[0][13..].copy_from_slice(&[kb * input.delta_lon_rad, kb * input.delta_lat_rad, 0.0, 0.0]);
-        let mut prior_weights = [0.0; TANGENT];
-        prior_weights[12..].fill(match options.initial_flapping {
-            InitialFlapping::Trim => TRIM_STD_RAD.recip(),
-            InitialFlapping::Free => FREE_STD_RAD.recip(),
-        });
+        let input = inputs.require(times_s[bounds[0]] - model.input_lag_s)?;
+        starts[0][RIGID_STATES..].copy_from_slice(&model.model().initial(model.values(), input));
+        let further = &model.model().states;
+        let mut prior_weights = vec![0.0; RIGID_STATES - 1];
+        prior_weights.extend(further.iter().map(|state| initial_std(state, options.initial).recip()));
+        let prior = |(place, std): (usize, f64)| {
+            let value = start.value(start.free()[place]);
+            ParameterPrior { place, value, std }
+        };
         let problem = Shooting {
-            inputs: series,
+            inputs: inputs.clone(),
+            equations: Equations::new(&model),
             measurements,
-            hold_times: false,
+            hold_nonlinear: false,
             longest_step_s: LONGEST_STEP_S[0],
             weights: vec![1.0; measurements.channels().len()],
             times_s,
             bounds,
             prior_weights,
-            prior_start: starts[0],
+            prior_start: starts[0].clone(),
+            parameter_priors: start.priors().map(prior).collect(),
+            gap_std: gap_std(further),
         };
         let point = Point { model, nuisances: DVector::zeros(measurements.nuisances()), starts };
         let at = problem.evaluate(&point)?;
-        let (rows, unknown) = (at.places.len(), point.model.free().len() + TANGENT);
+        let (rows, unknown) = (at.places.len(), point.model.free().len() + problem.equations.tangent());
         if rows <= unknown {
             return Err(IdentifyError::TooFewInstants { found: rows, parameters: unknown });
         }
@@ -102,8 +113,8 @@ impl<'a> Fitter<'a> {
         Condensed::new(&self.at, Penalty { tightness, damping })
     }
 
-    pub(super) fn stage(&mut self, hold_times: bool, longest_step_s: f64) -> Result<(), IdentifyError> {
-        self.problem.hold_times = hold_times;
+    pub(super) fn stage(&mut self, hold_nonlinear: bool, longest_step_s: f64) -> Result<(), IdentifyError> {
+        self.problem.hold_nonlinear = hold_nonlinear;
         self.problem.longest_step_s = longest_step_s;
         self.at = self.problem.evaluate(&self.point)?;
         Ok(())

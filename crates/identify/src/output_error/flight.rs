@@ -1,14 +1,14 @@
 //! Output error on all that was recorded of a flight.
 
 use super::measure::{Measurements, StateMeasurement};
-use super::model::{FlightModel, ModelParameter};
+use super::model::FlightModel;
 use super::prediction::predict_poses;
 use super::{
-    Disagreement, Estimates, ImageMeasurements, InitialFlapping, OutputErrorFit, OutputErrorOptions,
+    Disagreement, Estimates, ImageMeasurements, InitialStates, OutputErrorFit, OutputErrorOptions,
     disagreement, output_error,
 };
 use crate::{Estimator, Identification, IdentifyError};
-use mavsight_flight::{HelicopterInput, InputSeries, Vehicle};
+use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_pose::{BodyMarker, MarkerObservation, PoseSample, Rig};
 use nalgebra::{DMatrix, DVector};
 
@@ -59,46 +59,13 @@ pub struct FlightFits {
     /// To the images of the markers.
     pub image: Option<OutputErrorFit>,
     /// Parameters that would be free had the inputs moved what they act on.
-    pub held: Vec<ModelParameter>,
+    pub held: Vec<String>,
     /// Fits that were refused, and why.
     pub refusals: Vec<String>,
     /// First and last time of what was fitted, where that is less than the flight.
     pub stretch_s: Option<(f64, f64)>,
-    speeds: Option<Speeds>,
-}
-
-/// Mean squares of rotor speeds, by which coefficients are made dimensionless, over that of the mean of both
-/// rotors.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Speeds {
-    upper: f64,
-    lower: f64,
-    reference: f64,
-}
-
-impl Speeds {
-    fn of(model: &FlightModel, inputs: &InputSeries) -> Option<Self> {
-        let samples = HelicopterInput::series(inputs).ok()?;
-        let mean2 = |of: fn(&HelicopterInput) -> f64| {
-            samples.iter().map(|s| of(s).powi(2)).sum::<f64>() / samples.len() as f64
-        };
-        let both = mean2(|s| 0.5 * (s.omega_u_rad_s + s.omega_l_rad_s));
-        let [upper, lower] = [mean2(|s| s.omega_u_rad_s), mean2(|s| s.omega_l_rad_s)].map(|m| m / both);
-        let reference = model.airframe.reference_speed_rad_s().powi(2) / both;
-        let is_ratio = |x: &f64| x.is_finite() && *x > 0.0;
-        [upper, lower, reference].iter().all(is_ratio).then_some(Self { upper, lower, reference })
-    }
-
-    /// A coefficient of equation 3 over that of the same name in the equations of motion
-    /// ([`mavsight_flight::Coefficient`]): the former goes by the mean speed of both rotors, the latter by a
-    /// rotor's own or the reference.
-    fn equation_over_motion(&self, name: &str) -> f64 {
-        match name.rsplit(',').next() {
-            Some("alpha_u" | "beta_u") => self.upper,
-            Some("alpha_l" | "beta_l") => self.lower,
-            _ => self.reference,
-        }
-    }
+    /// Coefficients of equation error over the parameters of the same names ([`Model::equation_over_motion`]).
+    equation_over_motion: Vec<(String, f64)>,
 }
 
 /// A flight is fitted in one piece up to this length, since a fit holds tens of kilobytes for each instant: a
@@ -127,7 +94,7 @@ impl FlightFits {
     /// the images.
     ///
     /// Of a flight that is longer than a minute, the minute is fitted in which it turns most
-    /// ([`fitted_stretch_s`]); its flapping angles begin anywhere, where it is not the flight's first.
+    /// ([`fitted_stretch_s`]); its further states begin anywhere, where it is not the flight's first.
     ///
     /// Where the clocks are not known to agree, the lag of the inputs is free too: what is not known of it is
     /// then in all intervals. A flight that does not determine it is fitted without. What is held out enters
@@ -146,8 +113,8 @@ impl FlightFits {
         let stretch_s = fitted_stretch_s(poses);
         let begins =
             stretch_s.is_none_or(|(from_s, _)| poses.first().is_some_and(|p| seconds(p.t_ns) >= from_s));
-        let initial_flapping = if begins { InitialFlapping::Trim } else { InitialFlapping::Free };
-        let defaults = OutputErrorOptions { initial_flapping, ..OutputErrorOptions::default() };
+        let initial = if begins { InitialStates::AsModelled } else { InitialStates::Free };
+        let defaults = OutputErrorOptions { initial, ..OutputErrorOptions::default() };
         let poses = within(poses, stretch_s, |p| p.t_ns);
         let images =
             images.map(|i| Images { observations: within(i.observations, stretch_s, |o| o.t_ns), ..i });
@@ -187,8 +154,10 @@ impl FlightFits {
         };
         let poses = kept("from poses", poses);
         let image = image.and_then(|fit| kept("from images", fit));
-        let speeds = Speeds::of(&model, inputs);
-        Ok(Self { poses, image, held: model.held(), refusals, stretch_s, speeds })
+        let own = model.inputs_of(inputs)?;
+        let rows = (0..own.times_s().len()).map(|k| own.row(k));
+        let equation_over_motion = model.model().equation_over_motion(model.values(), rows);
+        Ok(Self { poses, image, held: model.held(), refusals, stretch_s, equation_over_motion })
     }
 
     /// The fits with their names in `parameters.csv`.
@@ -201,11 +170,13 @@ impl FlightFits {
     /// Whether the estimators disagree: each pair of these fits in all they share, and each with equation
     /// error by one estimator in what both call by the same name.
     pub fn comparisons(&self, equation_error: Option<(&Identification, Estimator)>) -> Vec<Comparison> {
-        let mut all: Vec<NamedEstimates> =
-            equation_error.and_then(|(i, e)| of_equations(i, e, self.speeds)).into_iter().collect();
+        let mut all: Vec<NamedEstimates> = equation_error
+            .and_then(|(i, e)| of_equations(i, e, &self.equation_over_motion))
+            .into_iter()
+            .collect();
         all.extend(self.named().map(|(estimator, fit)| NamedEstimates {
             estimator,
-            names: fit.parameters.iter().map(|p| p.name.to_owned()).collect(),
+            names: fit.parameters.iter().map(|p| p.name.clone()).collect(),
             estimates: Estimates {
                 values: fit.parameters.iter().map(|p| p.value).collect::<Vec<f64>>().into(),
                 covariance: fit.covariance.clone(),
@@ -263,12 +234,12 @@ impl Images<'_> {
     }
 }
 
-/// As coefficients of the equations of motion. Offsets are left out: equation error's stand for the mean of
+/// As parameters of the equations of motion. Offsets are left out: equation error's stand for the mean of
 /// its window.
 fn of_equations(
     identification: &Identification,
     estimator: Estimator,
-    speeds: Option<Speeds>,
+    equation_over_motion: &[(String, f64)],
 ) -> Option<NamedEstimates> {
     let (mut names, mut values, mut covariance) = (Vec::new(), Vec::new(), DMatrix::zeros(0, 0));
     for fit in identification.fits.iter().filter(|f| f.estimator == estimator) {
@@ -277,8 +248,7 @@ fn of_equations(
             let name = format!("{},{}", fit.output, p.name);
             let column = fit.diagnostics.columns.iter().position(|c| *c == p.name);
             let (Some(value), Some(std), Some(column)) = (p.value, p.std, column) else { continue };
-            if ModelParameter::from_name(&name).is_some() {
-                let scale = speeds.map_or(1.0, |s| s.equation_over_motion(&name));
+            if let Some((_, scale)) = equation_over_motion.iter().find(|(label, _)| *label == name) {
                 names.push(name);
                 values.push(value / scale);
                 columns.push(column);

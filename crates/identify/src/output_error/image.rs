@@ -2,7 +2,6 @@
 
 use super::row::{Row, pose_of, whitener};
 use crate::IdentifyError;
-use mavsight_flight::StateVector;
 use mavsight_geometry::camera::d_pixel_d_pose;
 use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Isometry3, Vector2, Vector3};
 use mavsight_pose::{BodyMarker, MarkerObservation, PoseEstimator, Rig};
@@ -150,7 +149,7 @@ impl ImageMeasurements {
         self.poses.iter().enumerate().filter_map(|(i, p)| p.map(|p| (i, p))).collect()
     }
 
-    pub(crate) fn rows(&self, instant: usize, y: &StateVector) -> Result<Vec<Row<'_>>, IdentifyError> {
+    pub(crate) fn rows(&self, instant: usize, y: &[f64]) -> Result<Vec<Row<'_>>, IdentifyError> {
         let pose = pose_of(y);
         let mut out = Vec::new();
         for k in self.first[instant]..self.first[instant + 1] {

@@ -4,7 +4,6 @@ use super::image::ImageMeasurements;
 use super::propagate::SEEN;
 use super::row::{Row, pose_of, whitener};
 use crate::IdentifyError;
-use mavsight_flight::StateVector;
 use mavsight_geometry::attitude::right_jacobian;
 use mavsight_geometry::{Isometry3, Matrix3, Matrix6};
 use mavsight_pose::{PoseEstimate, PoseSample};
@@ -102,7 +101,7 @@ impl Measurements {
         }
     }
 
-    pub(crate) fn rows(&self, instant: usize, y: &StateVector) -> Result<Vec<Row<'_>>, IdentifyError> {
+    pub(crate) fn rows(&self, instant: usize, y: &[f64]) -> Result<Vec<Row<'_>>, IdentifyError> {
         match self {
             Self::States(s) => pose_rows(&s[instant], y),
             Self::Image(i) => i.rows(instant, y),
@@ -128,7 +127,7 @@ impl Measurements {
     }
 }
 
-fn pose_rows<'a>(s: &'a StateMeasurement, y: &StateVector) -> Result<Vec<Row<'a>>, IdentifyError> {
+fn pose_rows<'a>(s: &'a StateMeasurement, y: &[f64]) -> Result<Vec<Row<'a>>, IdentifyError> {
     let Some((measured, covariance)) = &s.pose else { return Ok(Vec::new()) };
     let l = whitener(covariance).ok_or(s.bad())?;
     let at = pose_of(y);

@@ -1,95 +1,52 @@
-//! The model of a fit: which coefficients are free, and where they start.
+//! The model of a fit: which parameters are free, and where they start.
 
 use crate::{IdentifyError, independent_columns};
-use mavsight_flight::{Airframe, Coefficient, Coefficients, HelicopterInput, InputSeries, Vehicle};
+use mavsight_flight::{InputSeries, Vehicle};
+use mavsight_model::{Dynamics, Freedom, Model};
 use nalgebra::DMatrix;
+use std::sync::Arc;
 
 /// A number that a fit may free.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum ModelParameter {
-    /// A coefficient of the equations of motion.
-    Coefficient(Coefficient),
+    /// A parameter of the flight model, by its place.
+    Parameter(usize),
     /// How late the inputs' clock is, s: an input recorded at t acts at t + lag on the clock of the
     /// measurements.
     InputLag,
 }
 
-impl ModelParameter {
-    /// The name in tables.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Coefficient(c) => c.name(),
-            Self::InputLag => "input_lag_s",
-        }
-    }
+const LAG: &str = "input_lag_s";
 
-    /// Whether it is a flapping time or the lag, which enter the motion less linearly than all others.
-    pub(crate) fn is_time(self) -> bool {
-        matches!(self, Self::InputLag | Self::Coefficient(Coefficient::TauLower | Coefficient::TauFlybar))
-    }
-
-    /// The parameter of a name.
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::all().find(|p| p.name() == name)
-    }
-
-    fn all() -> impl Iterator<Item = Self> {
-        Coefficient::ALL.into_iter().map(Self::Coefficient).chain([Self::InputLag])
-    }
-}
-
-/// The equations of motion with the values that a fit starts from and the mask of those that it may change.
-///
-/// K_u is seen only as a product with the gains of the upper rotor, and K_b only as a product with those of
-/// the lower where the body hardly turns: both are fixed unless freed by name.
+/// A flight model with the values that a fit starts from and the list of those that it may change.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FlightModel {
-    pub(crate) airframe: Airframe,
-    pub(crate) coefficients: Coefficients,
+    model: Arc<Model>,
+    /// One a parameter of the model.
+    values: Vec<f64>,
     pub(crate) input_lag_s: f64,
     free: Vec<ModelParameter>,
 }
 
 impl FlightModel {
-    /// A model that starts from what a vehicle file states: mass, inertia, size, thrust coefficients,
-    /// flapping times, linkages. What is not stated starts from a guess that a fit replaces: hubs half a
-    /// rotor radius above the centre of gravity, balanced torques at a figure of merit of one half, no
-    /// damping, no offsets.
-    ///
-    /// Free are the forces and moments per disc angle, pitch damping, both flapping times, and the offsets of
-    /// all axes; where the record moves them, also roll damping (lateral swash-plate), and thrust and torque
-    /// of each rotor and yaw damping in place of the offsets of thrust and torque (rotor speeds, not both by
-    /// the same part).
+    /// The flight model of a vehicle, which starts from the values in its files. Free are the parameters that
+    /// the model's file frees for these inputs ([`Freedom`]).
     ///
     /// # Errors
-    /// A vehicle that is not valid.
+    /// A vehicle that is not valid, inputs without a column of the model.
     pub fn new(vehicle: &Vehicle, inputs: &InputSeries) -> Result<Self, IdentifyError> {
-        let airframe = Airframe::of_vehicle(vehicle)?;
-        let r = &vehicle.rotor;
-        let torque = |thrust_coefficient: f64| 2.0 * thrust_coefficient.powf(1.5) / std::f64::consts::SQRT_2;
-        let mean_torque = 2.0 * torque(0.5 * (r.thrust_coefficient_upper + r.thrust_coefficient_lower));
-        let mut coefficients = Coefficients::default();
-        for (which, value) in [
-            (Coefficient::CxAlphaU, -2.0 * r.thrust_coefficient_upper),
-            (Coefficient::CxAlphaL, -2.0 * r.thrust_coefficient_lower),
-            (Coefficient::CzU, -2.0 * r.thrust_coefficient_upper),
-            (Coefficient::CzL, -2.0 * r.thrust_coefficient_lower),
-            (Coefficient::CmAlphaU, r.thrust_coefficient_upper),
-            (Coefficient::CmAlphaL, r.thrust_coefficient_lower),
-            (Coefficient::CnUpper, -mean_torque),
-            (Coefficient::CnLower, mean_torque),
-            (Coefficient::TauLower, r.flap_time_lower_s),
-            (Coefficient::TauFlybar, r.flap_time_flybar_s),
-            (Coefficient::SwashplateGain, r.swashplate_gain),
-            (Coefficient::FlybarGain, r.flybar_gain),
-        ] {
-            coefficients.set(which, value);
-        }
-        let free = default_free(&HelicopterInput::series(inputs)?)
-            .into_iter()
-            .map(ModelParameter::Coefficient)
-            .collect();
-        Ok(Self { airframe, coefficients, input_lag_s: 0.0, free })
+        vehicle.validate()?;
+        let inputs = inputs.select(&vehicle.input_columns())?;
+        let model = Arc::clone(&vehicle.model);
+        let is_free = |freedom: &Freedom| match freedom {
+            Freedom::Free => true,
+            Freedom::Fixed => false,
+            Freedom::WhereMoved(own) => are_moved(&inputs, own),
+            Freedom::UnlessMoved(own) => !are_moved(&inputs, own),
+        };
+        let free = (0..model.parameters.len()).filter(|k| is_free(&model.parameters[*k].freedom));
+        let free = free.map(ModelParameter::Parameter).collect();
+        Ok(Self { values: vehicle.values(), model, input_lag_s: 0.0, free })
     }
 
     /// Replaces the free parameters by those of the given names; all others keep their values.
@@ -98,7 +55,7 @@ impl FlightModel {
     /// [`IdentifyError::UnknownParameter`]; repeated names count once.
     pub fn with_free(mut self, names: &[&str]) -> Result<Self, IdentifyError> {
         self.free.clear();
-        names.iter().try_for_each(|name| known(name).map(|parameter| self.make_free(parameter)))?;
+        names.iter().try_for_each(|name| self.parameter(name).map(|parameter| self.make_free(parameter)))?;
         Ok(self)
     }
 
@@ -112,15 +69,43 @@ impl FlightModel {
     ///
     /// # Errors
     /// [`IdentifyError::UnknownParameter`], [`IdentifyError::BadSetting`] for a number that is not finite
-    /// or a flapping time below 2 ms.
+    /// or outside the bounds of the model's file.
     pub fn with_value(mut self, name: &str, value: f64) -> Result<Self, IdentifyError> {
-        let parameter = known(name)?;
+        let parameter = self.parameter(name)?;
         self.set(parameter, value);
-        if !value.is_finite() || !self.is_physical() {
-            let must = "be a finite number, and a flapping time 2 ms or more";
-            return Err(IdentifyError::BadSetting { what: parameter.name(), value, must });
+        if !self.is_within_bounds(parameter) {
+            let must = "be a finite number within the bounds of the model's file";
+            return Err(IdentifyError::BadParameter { name: name.to_owned(), value, must });
         }
         Ok(self)
+    }
+
+    /// The parameter of a name or label.
+    ///
+    /// # Errors
+    /// [`IdentifyError::UnknownParameter`], with the nearest.
+    pub fn parameter(&self, name: &str) -> Result<ModelParameter, IdentifyError> {
+        if name == LAG {
+            return Ok(ModelParameter::InputLag);
+        }
+        self.model.parameter(name).map(ModelParameter::Parameter).ok_or_else(|| {
+            let labels = || self.model.parameters.iter().map(|p| p.label.as_str()).chain([LAG]);
+            let near = self.model.near_parameters(name);
+            let known = if near.is_empty() {
+                labels().collect::<Vec<_>>()
+            } else {
+                near.iter().map(String::as_str).collect()
+            };
+            IdentifyError::UnknownParameter { name: name.to_owned(), known: known.join(", ") }
+        })
+    }
+
+    /// The name of a parameter in tables.
+    pub fn name(&self, parameter: ModelParameter) -> &str {
+        match parameter {
+            ModelParameter::Parameter(k) => &self.model.parameters[k].label,
+            ModelParameter::InputLag => LAG,
+        }
     }
 
     /// The free parameters, in the order of the fit.
@@ -128,14 +113,16 @@ impl FlightModel {
         &self.free
     }
 
-    /// Coefficients of thrust, torque and damping that keep the vehicle's values: those that a flight
-    /// determines only if it moves the rotor speeds or the lateral swash-plate.
-    pub fn held(&self) -> Vec<ModelParameter> {
-        use Coefficient as C;
-        [C::ClP, C::CzU, C::CzL, C::CnUpper, C::CnLower, C::CnR]
-            .into_iter()
-            .map(ModelParameter::Coefficient)
-            .filter(|p| !self.free.contains(p))
+    /// Names of parameters that keep their values because the flight does not move the inputs that would
+    /// determine them.
+    pub fn held(&self) -> Vec<String> {
+        let waits = |k: &usize| {
+            let freedom = &self.model.parameters[*k].freedom;
+            matches!(freedom, Freedom::WhereMoved(_)) && !self.free.contains(&ModelParameter::Parameter(*k))
+        };
+        (0..self.model.parameters.len())
+            .filter(waits)
+            .map(|k| self.model.parameters[k].label.clone())
             .collect()
     }
 
@@ -149,24 +136,43 @@ impl FlightModel {
     /// One value.
     pub fn value(&self, parameter: ModelParameter) -> f64 {
         match parameter {
-            ModelParameter::Coefficient(c) => self.coefficients.get(c),
+            ModelParameter::Parameter(k) => self.values[k],
             ModelParameter::InputLag => self.input_lag_s,
         }
     }
 
+    /// The columns of recorded inputs that the model reads, in its order.
+    ///
+    /// # Errors
+    /// A column that is missing.
+    pub fn inputs_of(&self, inputs: &InputSeries) -> Result<InputSeries, IdentifyError> {
+        let columns: Vec<&str> = self.model.inputs.iter().map(|i| i.column.as_str()).collect();
+        Ok(inputs.select(&columns)?)
+    }
+
+    /// The flight model.
+    pub fn model(&self) -> &Model {
+        &self.model
+    }
+
+    /// Values of all parameters of the flight model.
+    pub fn values(&self) -> &[f64] {
+        &self.values
+    }
+
     pub(crate) fn set(&mut self, parameter: ModelParameter, value: f64) {
         match parameter {
-            ModelParameter::Coefficient(c) => self.coefficients.set(c, value),
+            ModelParameter::Parameter(k) => self.values[k] = value,
             ModelParameter::InputLag => self.input_lag_s = value,
         }
     }
 
-    /// Moves a parameter by a step of the fit. A flapping time moves by its logarithm, at most by a factor of
-    /// two, so that no step makes it negative.
+    /// Moves a parameter by a step of the fit. One that must be above zero moves by its logarithm, at most by
+    /// a factor of two, so that no step makes it negative.
     pub(crate) fn shift(&mut self, parameter: ModelParameter, step: f64) {
         let value = self.value(parameter);
         let to = match parameter {
-            ModelParameter::Coefficient(Coefficient::TauLower | Coefficient::TauFlybar) => {
+            ModelParameter::Parameter(k) if self.model.parameters[k].min > 0.0 => {
                 value * (step / value).exp().clamp(0.5, 2.0)
             }
             _ => value + step,
@@ -174,50 +180,81 @@ impl FlightModel {
         self.set(parameter, to);
     }
 
+    fn is_within_bounds(&self, parameter: ModelParameter) -> bool {
+        let value = self.value(parameter);
+        match parameter {
+            ModelParameter::Parameter(k) => {
+                let p = &self.model.parameters[k];
+                value.is_finite() && value >= p.min && value <= p.max
+            }
+            ModelParameter::InputLag => value.is_finite(),
+        }
+    }
+
+    /// Whether all free parameters are finite and within their bounds.
     pub(crate) fn is_physical(&self) -> bool {
-        let is_long = |tau| self.coefficients.get(tau) >= MIN_FLAP_TIME_S;
-        self.coefficients.values.iter().all(|v| v.is_finite())
-            && self.input_lag_s.is_finite()
-            && [Coefficient::TauLower, Coefficient::TauFlybar].into_iter().all(is_long)
+        self.free.iter().all(|p| self.is_within_bounds(*p))
+    }
+
+    /// Standard deviations of what is known before the flight of free parameters, with their places in the
+    /// list of free ones.
+    pub(crate) fn priors(&self) -> impl Iterator<Item = (usize, f64)> {
+        self.free.iter().enumerate().filter_map(|(place, parameter)| match parameter {
+            ModelParameter::Parameter(k) => Some((place, self.model.parameters[*k].prior_std?)),
+            ModelParameter::InputLag => None,
+        })
     }
 }
 
-/// Flapping faster than this is over within a revolution of such a rotor and cannot be distinguished from
-/// none.
-const MIN_FLAP_TIME_S: f64 = 2e-3;
-
-fn known(name: &str) -> Result<ModelParameter, IdentifyError> {
-    ModelParameter::from_name(name).ok_or_else(|| IdentifyError::UnknownParameter {
-        name: name.to_owned(),
-        known: ModelParameter::all().map(ModelParameter::name).collect::<Vec<_>>().join(", "),
-    })
+/// The equations of motion of a flight model, with the derivatives that a fit needs.
+#[derive(Debug, Clone)]
+pub(crate) struct Equations {
+    pub(crate) dynamics: Dynamics,
+    /// The place in the list of free parameters of each that the equations have.
+    pub(crate) places: Vec<usize>,
+    /// The place of the lag.
+    pub(crate) lag: Option<usize>,
+    /// Whether the equations are linear in each free parameter; in the lag they are not.
+    pub(crate) is_linear: Vec<bool>,
 }
 
-fn default_free(inputs: &[HelicopterInput]) -> Vec<Coefficient> {
-    use Coefficient as C;
-    let moves = |value: fn(&HelicopterInput) -> f64| {
-        let values = inputs.iter().map(value);
-        let (low, high) = values.fold((f64::MAX, f64::MIN), |(a, b), v| (a.min(v), b.max(v)));
+impl Equations {
+    pub(crate) fn new(model: &FlightModel) -> Self {
+        let own = |(place, parameter): (usize, &ModelParameter)| match parameter {
+            ModelParameter::Parameter(k) => Some((place, *k)),
+            ModelParameter::InputLag => None,
+        };
+        let (places, parameters): (Vec<usize>, Vec<usize>) =
+            model.free.iter().enumerate().filter_map(own).unzip();
+        let dynamics = Dynamics::new(&model.model, &model.values, &parameters);
+        let mut is_linear = vec![false; model.free.len()];
+        places.iter().enumerate().for_each(|(k, place)| is_linear[*place] = dynamics.is_linear_in(k));
+        let lag = model.free.iter().position(|p| *p == ModelParameter::InputLag);
+        Self { dynamics, places, lag, is_linear }
+    }
+
+    /// Values of the free parameters that the equations have.
+    pub(crate) fn values(&self, model: &FlightModel) -> Vec<f64> {
+        self.places.iter().map(|place| model.value(model.free[*place])).collect()
+    }
+
+    /// Degrees of freedom of a state: its attitude has three, not four.
+    pub(crate) fn tangent(&self) -> usize {
+        self.dynamics.states() - 1
+    }
+}
+
+/// Whether the inputs each move, and not all by the same part.
+fn are_moved(inputs: &InputSeries, own: &[usize]) -> bool {
+    let rows = inputs.times_s().len();
+    let values = DMatrix::from_fn(rows, own.len(), |row, k| inputs.row(row)[own[k]]);
+    let moves = |column: nalgebra::DVectorView<'_, f64>| {
+        let (low, high) = (column.min(), column.max());
         high - low > 1e-9 * high.abs().max(1.0)
     };
-    let mut free =
-        vec![C::CxAlphaU, C::CxAlphaL, C::CmAlphaU, C::CmAlphaL, C::CmQ, C::TauLower, C::TauFlybar];
-    free.extend([C::Cx0, C::Cy0, C::Cl0, C::Cm0]);
-    if moves(|s| s.delta_lat_rad) {
-        free.push(C::ClP);
-    }
-    // Rotors that go together say only what both do.
-    let squares = DMatrix::from_fn(inputs.len(), 2, |i, j| {
-        let s = &inputs[i];
-        [s.omega_u_rad_s, s.omega_l_rad_s][j].powi(2)
-    });
-    let apart = independent_columns(&squares, &[0.0; 2]).independent.len() == 2;
-    if moves(|s| s.omega_u_rad_s) && moves(|s| s.omega_l_rad_s) && apart {
-        free.extend([C::CzU, C::CzL, C::CnUpper, C::CnLower, C::CnR]);
-    } else {
-        free.extend([C::Cz0, C::Cn0]);
-    }
-    free
+    let each = values.column_iter().all(|column| moves(column));
+    each && (own.len() < 2
+        || independent_columns(&values, &vec![0.0; own.len()]).independent.len() == own.len())
 }
 
 #[cfg(test)]
@@ -226,17 +263,18 @@ mod tests {
 
     #[test]
     fn thrusts_are_free_where_rotors_move_and_not_by_the_same_part() {
+        let vehicle = Vehicle::paper();
         let free = |lower: fn(f64) -> f64| {
-            let sample = |k: i32| {
-                let t_s = 0.02 * f64::from(k);
+            let times_s: Vec<f64> = (0..200).map(|k| 0.02 * f64::from(k)).collect();
+            let row = |t_s: &f64| {
                 let part = 1.0 + 0.04 * (3.0 * t_s).sin();
-                let (omega_u_rad_s, omega_l_rad_s) = (214.0 * part, 210.0 * lower(part));
-                HelicopterInput { t_s, omega_u_rad_s, omega_l_rad_s, ..Default::default() }
+                [214.0 * part, 210.0 * lower(part), 0.0, 0.0]
             };
-            let samples: Vec<HelicopterInput> = (0..200).map(sample).collect();
-            let inputs = HelicopterInput::recorded(&samples).unwrap();
-            let model = FlightModel::new(&Vehicle::paper(), &inputs).unwrap();
-            ["C_Z,u", "C_Z,l", "C_Z,0"].map(|n| model.free().contains(&ModelParameter::from_name(n).unwrap()))
+            let values = times_s.iter().flat_map(row).collect();
+            let names: Vec<String> = vehicle.input_columns().iter().map(|n| (*n).to_owned()).collect();
+            let inputs = InputSeries::new(names, times_s, values).unwrap();
+            let model = FlightModel::new(&vehicle, &inputs).unwrap();
+            ["C_Z,u", "C_Z,l", "C_Z,0"].map(|n| model.free().contains(&model.parameter(n).unwrap()))
         };
         assert_eq!(free(|part| part), [false, false, true]);
         assert_eq!(free(|_| 1.0), [false, false, true]);

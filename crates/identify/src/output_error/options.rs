@@ -1,11 +1,11 @@
 //! Options of an output-error fit.
 
-/// What is known of the flapping angles at the start.
+/// What is known of the model's further states at the start, such as the flapping of a disc.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum InitialFlapping {
-    /// The flight starts at rest: lower discs where the swash-plate holds them, fly-bar level.
-    Trim,
-    /// Anything a disc can do (a standard deviation of 0.2 rad).
+pub enum InitialStates {
+    /// What the model's file says of the beginning of a flight.
+    AsModelled,
+    /// Anything within their usual excursions: the record begins in flight.
     Free,
 }
 
@@ -26,7 +26,7 @@ pub struct OutputErrorOptions {
     /// in which a small aircraft runs away, and a few of a camera's intervals.
     pub segment_s: f64,
     /// The start.
-    pub initial_flapping: InitialFlapping,
+    pub initial: InitialStates,
     /// The weights.
     pub noise: NoiseModel,
     /// Steps in all.
@@ -37,7 +37,7 @@ impl Default for OutputErrorOptions {
     fn default() -> Self {
         Self {
             segment_s: 0.25,
-            initial_flapping: InitialFlapping::Trim,
+            initial: InitialStates::AsModelled,
             noise: NoiseModel::Scaled,
             max_iterations: 200,
         }

@@ -3,7 +3,7 @@
 use super::fitter::{Fitter, LONGEST_STEP_S, PROMISE, Recorded, TIGHTNESS};
 use super::measure::{Measurements, StateMeasurement};
 use super::model::FlightModel;
-use super::options::{InitialFlapping, NoiseModel, OutputErrorOptions};
+use super::options::{InitialStates, NoiseModel, OutputErrorOptions};
 use super::result::{OutputErrorFit, Prediction};
 use super::row::pose_of;
 use super::start::begin;
@@ -15,7 +15,7 @@ use std::f64::consts::PI;
 
 /// Flies the fitted model through the part of a flight in which the poses lie, in one piece.
 ///
-/// Of that part only its start is found (position, attitude, velocity, rates and flapping): no parameter of
+/// Of that part only its start is found (position, attitude, velocity, rates and further states): no parameter of
 /// the model is. This is how prediction is judged where the start of a record is not known (Klein & Morelli
 /// 2006, section 11.3). What an unstable aircraft does with a small error of the start grows with the length
 /// of the part, so that a few seconds are what it can be judged by.
@@ -30,7 +30,7 @@ pub fn predict_poses(
 ) -> Result<Prediction, IdentifyError> {
     let mut fitted = model.clone().with_free(&[])?;
     for parameter in &fit.parameters {
-        fitted = fitted.with_value(parameter.name, parameter.value)?;
+        fitted = fitted.with_value(&parameter.name, parameter.value)?;
     }
     let states: Vec<StateMeasurement> =
         poses.iter().filter(|p| p.estimate.is_ok()).map(StateMeasurement::from_pose).collect();
@@ -38,10 +38,11 @@ pub fn predict_poses(
     measured.check()?;
     let options = OutputErrorOptions {
         segment_s: f64::INFINITY,
-        initial_flapping: InitialFlapping::Free,
+        initial: InitialStates::Free,
         noise: NoiseModel::Given,
         ..OutputErrorOptions::default()
     };
+    let inputs = &fitted.inputs_of(inputs)?;
     let recorded = Recorded { inputs, measurements: &measured };
     let mut fitter = Fitter::new(&fitted, begin(&fitted, recorded, f64::INFINITY)?, recorded, &options)?;
     fitter.stage(false, LONGEST_STEP_S[1])?;

@@ -1,17 +1,16 @@
 //! Fixed-step Runge-Kutta integration of a state together with its sensitivities.
 
-use super::model::{FlightModel, ModelParameter};
-use mavsight_flight::{Coefficient, FLIGHT_STATES, HelicopterInput, Linearisation, StateVector};
+use super::model::Equations;
+use mavsight_flight::InputSeries;
+use mavsight_model::Evaluation;
 use nalgebra::{DMatrix, Matrix3, Quaternion, UnitQuaternion, Vector3};
 use std::ops::Range;
 
-/// Degrees of freedom of a state: position (world), turn (body), velocity (body), rates, flapping.
-pub(crate) const TANGENT: usize = 16;
 /// Degrees of freedom that a measurement sees: those of the pose.
 pub(crate) const SEEN: usize = 6;
 
-/// Steps per flapping time constant, at least: the error of a step is then (1/5)⁵/120 of the transient.
-const STEPS_PER_FLAP_TIME: f64 = 5.0;
+/// Steps per time constant, at least: the error of a step is then (1/5)⁵/120 of the transient.
+const STEPS_PER_TIME_CONSTANT: f64 = 5.0;
 const SAME_TIME_S: f64 = 1e-9;
 
 #[derive(Debug, Clone, Copy)]
@@ -26,35 +25,32 @@ pub(crate) struct Step {
 
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Raster<'a> {
-    pub(crate) inputs: &'a [HelicopterInput],
+    pub(crate) inputs: &'a InputSeries,
+    pub(crate) lag_s: f64,
     pub(crate) times_s: &'a [f64],
     pub(crate) longest_s: f64,
 }
 
 impl Raster<'_> {
+    /// The row of the inputs that acts from a time on.
+    pub(crate) fn input_at(&self, t_s: f64) -> usize {
+        self.inputs.times_s().partition_point(|row_s| row_s + self.lag_s <= t_s + SAME_TIME_S).max(1) - 1
+    }
+
     /// Steps from one time to another that end at every change of the inputs and at every instant.
     ///
     /// `instants` are indices into the times of what lies in (from, to].
-    pub(crate) fn steps(
-        &self,
-        from_s: f64,
-        to_s: f64,
-        model: &FlightModel,
-        instants: Range<usize>,
-    ) -> Vec<Step> {
-        let (inputs, lag_s) = (self.inputs, model.input_lag_s);
-        let [tau_l, tau_f] =
-            [Coefficient::TauLower, Coefficient::TauFlybar].map(|c| model.coefficients.get(c));
-        let longest_s = self.longest_s.min(tau_l.min(tau_f) / STEPS_PER_FLAP_TIME);
-        let mut input = inputs.partition_point(|s| s.t_s + lag_s <= from_s + SAME_TIME_S).max(1) - 1;
+    pub(crate) fn steps(&self, from_s: f64, to_s: f64, instants: Range<usize>) -> Vec<Step> {
+        let mut input = self.input_at(from_s);
         let mut ahead = instants.peekable();
         let mut out = Vec::new();
         let mut now_s = from_s;
         while now_s < to_s - SAME_TIME_S {
-            let change_s = inputs.get(input + 1).map_or(f64::INFINITY, |s| s.t_s + lag_s);
+            let next = self.inputs.times_s().get(input + 1);
+            let change_s = next.map_or(f64::INFINITY, |row_s| row_s + self.lag_s);
             let instant_s = ahead.peek().map_or(f64::INFINITY, |k| self.times_s[*k]);
             let end_s = change_s.min(instant_s).min(to_s);
-            let count = ((end_s - now_s) / longest_s).ceil().max(1.0);
+            let count = ((end_s - now_s) / self.longest_s).ceil().max(1.0);
             let step = Step { h_s: (end_s - now_s) / count, input, changes_to: None, instant: None };
             out.extend(std::iter::repeat_n(step, count as usize - 1));
             let changes = (change_s - end_s).abs() < SAME_TIME_S;
@@ -71,41 +67,60 @@ impl Raster<'_> {
     }
 }
 
-/// A state and its derivative with respect to where it started (16) and to the free parameters.
-pub(crate) struct Propagator {
-    pub(crate) y: StateVector,
-    free: Vec<ModelParameter>,
-    /// A column for each state.
+/// The longest step that follows the equations at a state: a part of the shortest time constant there, that
+/// of the largest derivative of a state's rate by the state itself.
+pub(crate) fn longest_step_s(evaluation: &mut Evaluation<'_>, y: &[f64]) -> f64 {
+    evaluation.linearise(y, &mut vec![0.0; y.len()]);
+    let own = evaluation.by_state().filter(|slope| slope.row == slope.column);
+    let fastest = own.map(|slope| slope.value.abs()).fold(0.0, f64::max);
+    1.0 / (STEPS_PER_TIME_CONSTANT * fastest)
+}
+
+/// A state and its derivative with respect to where it started and to the free parameters.
+pub(crate) struct Propagator<'a> {
+    pub(crate) y: Vec<f64>,
+    equations: &'a Equations,
+    /// A column for each state; rows: the start's degrees of freedom, free parameters.
     by: DMatrix<f64>,
+    work: Work,
+}
+
+/// Room for the stages of a step.
+struct Work {
+    stage: DMatrix<f64>,
+    sum: DMatrix<f64>,
+    rate: DMatrix<f64>,
 }
 
 /// Weights of the classical fourth-order method: node of the next stage, weight in the sum.
 const STAGES: [(f64, f64); 4] = [(0.5, 1.0 / 6.0), (0.5, 1.0 / 3.0), (1.0, 1.0 / 3.0), (0.0, 1.0 / 6.0)];
 
-impl Propagator {
-    pub(crate) fn new(free: &[ModelParameter], y: &StateVector) -> Self {
-        let mut by = DMatrix::zeros(TANGENT + free.len(), FLIGHT_STATES);
+impl<'a> Propagator<'a> {
+    pub(crate) fn new(equations: &'a Equations, y: &[f64]) -> Self {
+        let tangent = equations.tangent();
+        let mut by = DMatrix::zeros(tangent + equations.is_linear.len(), y.len());
         (0..3).for_each(|k| by[(k, k)] = 1.0);
-        (6..TANGENT).for_each(|k| by[(k, k + 1)] = 1.0);
+        (6..tangent).for_each(|k| by[(k, k + 1)] = 1.0);
         let q = Quaternion::new(y[3], y[4], y[5], y[6]);
         for k in 0..3 {
             let d = q * Quaternion::from_imag(Vector3::ith(k, 0.5));
             by.fixed_view_mut::<1, 4>(3 + k, 3).copy_from_slice(&[d.w, d.i, d.j, d.k]);
         }
-        Self { y: *y, free: free.to_vec(), by }
+        let work = Work { stage: by.clone(), sum: by.clone(), rate: by.clone() };
+        Self { y: y.to_vec(), equations, by, work }
     }
 
-    /// One step: the classical Runge-Kutta method for the state, and its exact derivative.
-    pub(crate) fn step(&mut self, model: &FlightModel, inputs: &[HelicopterInput], step: &Step) {
-        let input = &inputs[step.input];
-        let (airframe, c) = (&model.airframe, &model.coefficients);
-        let (mut y_stage, mut y_sum) = (self.y, self.y);
-        let (mut stage, mut sum) = (self.by.clone(), self.by.clone());
-        let mut rate = DMatrix::zeros(stage.nrows(), FLIGHT_STATES);
+    /// One step: the classical Runge-Kutta method for the state, and its exact derivative. The evaluation has
+    /// the inputs of the step, and afterwards those of the next.
+    pub(crate) fn step(&mut self, evaluation: &mut Evaluation<'_>, inputs: &InputSeries, step: &Step) {
+        let (mut y_stage, mut y_sum, mut k) = (self.y.clone(), self.y.clone(), self.y.clone());
+        let Work { stage, sum, rate } = &mut self.work;
+        stage.copy_from(&self.by);
+        sum.copy_from(&self.by);
         for (node, weight) in STAGES {
-            let k = airframe.derivative(c, input, &y_stage);
-            self.variational(&airframe.linearise(c, input, &y_stage), &stage, &mut rate);
-            for i in 0..FLIGHT_STATES {
+            evaluation.linearise(&y_stage, &mut k);
+            variational(self.equations, evaluation, stage, rate);
+            for i in 0..k.len() {
                 y_sum[i] += step.h_s * weight * k[i];
                 y_stage[i] = self.y[i] + step.h_s * node * k[i];
             }
@@ -116,41 +131,29 @@ impl Propagator {
                 *stage = by + step.h_s * node * rate;
             }
         }
-        (self.y, self.by) = (y_sum, sum);
-        let lag = self.free.iter().position(|p| *p == ModelParameter::InputLag);
-        if let (Some(next), Some(lag)) = (step.changes_to, lag) {
-            // A later change leaves the old rates for longer in place of the new.
-            let [old, new] = [input, &inputs[next]].map(|input| airframe.derivative(c, input, &self.y));
-            for i in 0..FLIGHT_STATES {
-                self.by[(TANGENT + lag, i)] += old[i] - new[i];
-            }
+        self.y = y_sum;
+        std::mem::swap(&mut self.by, sum);
+        let Some(next) = step.changes_to else { return };
+        let mut old = k;
+        if self.equations.lag.is_some() {
+            evaluation.rates(&self.y, &mut old);
         }
-    }
-
-    /// rate = A stage + B.
-    fn variational(&self, linear: &Linearisation, stage: &DMatrix<f64>, rate: &mut DMatrix<f64>) {
-        for (i, mut out) in rate.column_iter_mut().enumerate() {
-            let out = out.as_mut_slice();
-            out.fill(0.0);
-            for (position, parameter) in self.free.iter().enumerate() {
-                if let ModelParameter::Coefficient(which) = parameter {
-                    out[TANGENT + position] = linear.by_coefficient[i][*which as usize];
-                }
-            }
-            for &j in Linearisation::COLUMNS[i] {
-                let factor = linear.by_state[i][j];
-                out.iter_mut()
-                    .zip(stage.column(j).as_slice())
-                    .for_each(|(out, stage)| *out += factor * stage);
-            }
+        evaluation.set_inputs(inputs.row(next));
+        if let Some(lag) = self.equations.lag {
+            // A later change leaves the old rates for longer in place of the new.
+            let mut new = old.clone();
+            evaluation.rates(&self.y, &mut new);
+            let row = self.equations.tangent() + lag;
+            (0..old.len()).for_each(|i| self.by[(row, i)] += old[i] - new[i]);
         }
     }
 
     /// Derivative of the state's degrees of freedom, a column each, by the start's and the free parameters.
     pub(crate) fn tangent(&self) -> DMatrix<f64> {
-        let mut out = DMatrix::zeros(self.by.nrows(), TANGENT);
+        let tangent = self.equations.tangent();
+        let mut out = DMatrix::zeros(self.by.nrows(), tangent);
         out.columns_mut(0, 3).copy_from(&self.by.columns(0, 3));
-        out.columns_mut(6, 10).copy_from(&self.by.columns(7, 10));
+        out.columns_mut(6, tangent - 6).copy_from(&self.by.columns(7, tangent - 6));
         let (w, u) = (self.y[3], Vector3::new(self.y[4], self.y[5], self.y[6]));
         let by_imaginary = Matrix3::identity() * w + u.cross_matrix();
         let turn = self.by.column(3) * -u.transpose() + self.by.columns(4, 3) * by_imaginary;
@@ -163,25 +166,44 @@ impl Propagator {
     }
 }
 
-pub(crate) fn attitude(y: &StateVector) -> UnitQuaternion<f64> {
+/// rate = A stage + B.
+fn variational(
+    equations: &Equations,
+    evaluation: &Evaluation<'_>,
+    stage: &DMatrix<f64>,
+    rate: &mut DMatrix<f64>,
+) {
+    rate.fill(0.0);
+    let tangent = equations.tangent();
+    for slope in evaluation.by_parameter() {
+        rate[(tangent + equations.places[slope.column], slope.row)] = slope.value;
+    }
+    let rows = stage.nrows();
+    for slope in evaluation.by_state() {
+        let from = &stage.as_slice()[slope.column * rows..(slope.column + 1) * rows];
+        let out = &mut rate.as_mut_slice()[slope.row * rows..(slope.row + 1) * rows];
+        out.iter_mut().zip(from).for_each(|(out, stage)| *out += slope.value * stage);
+    }
+}
+
+pub(crate) fn attitude(y: &[f64]) -> UnitQuaternion<f64> {
     UnitQuaternion::from_quaternion(Quaternion::new(y[3], y[4], y[5], y[6]))
 }
 
-pub(crate) fn moved(y: &StateVector, d: &[f64]) -> StateVector {
+pub(crate) fn moved(y: &[f64], d: &[f64]) -> Vec<f64> {
     let q = attitude(y) * UnitQuaternion::from_scaled_axis(Vector3::new(d[3], d[4], d[5]));
-    std::array::from_fn(|k| match k {
-        0..=2 => y[k] + d[k],
-        3..=6 => [q.w, q.i, q.j, q.k][k - 3],
-        _ => y[k] + d[k - 1],
-    })
+    let mut out: Vec<f64> = (0..y.len()).map(|k| y[k] + if k < 3 { d[k] } else { d[k.max(1) - 1] }).collect();
+    out[3..7].copy_from_slice(&[q.w, q.i, q.j, q.k]);
+    out
 }
 
 /// The degrees of freedom that lead from one state to another.
-pub(crate) fn difference(to: &StateVector, from: &StateVector) -> [f64; TANGENT] {
+pub(crate) fn difference(to: &[f64], from: &[f64]) -> Vec<f64> {
     let turn = (attitude(from).inverse() * attitude(to)).scaled_axis();
-    std::array::from_fn(|k| match k {
+    let one = |k: usize| match k {
         0..=2 => to[k] - from[k],
         3..=5 => turn[k - 3],
         _ => to[k + 1] - from[k + 1],
-    })
+    };
+    (0..to.len() - 1).map(one).collect()
 }

@@ -10,7 +10,7 @@ pub struct FittedParameter {
     /// The parameter.
     pub parameter: ModelParameter,
     /// Name of the parameter.
-    pub name: &'static str,
+    pub name: String,
     /// Estimate.
     pub value: f64,
     /// Standard deviation: the Cramér-Rao bound, or what residuals that are still correlated, or larger at

@@ -1,7 +1,6 @@
 //! One whitened coordinate of a measurement.
 
 use super::propagate::{SEEN, attitude};
-use mavsight_flight::StateVector;
 use mavsight_geometry::{Isometry3, Vector3, world_from_level};
 use nalgebra::{SMatrix, SVector};
 
@@ -28,6 +27,6 @@ where
     inverse.iter().all(|v| v.is_finite()).then_some(inverse)
 }
 
-pub(crate) fn pose_of(y: &StateVector) -> Isometry3<f64> {
+pub(crate) fn pose_of(y: &[f64]) -> Isometry3<f64> {
     Isometry3::from_parts(Vector3::new(y[0], y[1], y[2]).into(), world_from_level() * attitude(y))
 }

@@ -2,19 +2,20 @@
 //! are linear about a point.
 
 use super::measure::Measurements;
-use super::model::FlightModel;
-use super::propagate::{Propagator, Raster, SEEN, Step, TANGENT, difference, moved};
+use super::model::{Equations, FlightModel};
+use super::propagate::{Propagator, Raster, SEEN, difference, longest_step_s, moved};
 use super::row::Row;
 use crate::IdentifyError;
-use mavsight_flight::{FLIGHT_STATES, HelicopterInput, StateVector};
-use nalgebra::{DMatrix, DVector, SMatrix, SVector};
+use mavsight_flight::InputSeries;
+use mavsight_model::FurtherState;
+use nalgebra::{DMatrix, DVector, DVectorView};
 
 #[derive(Debug, Clone)]
 pub(crate) struct Point {
     pub(crate) model: FlightModel,
     /// Whitened nuisances.
     pub(crate) nuisances: DVector<f64>,
-    pub(crate) starts: Vec<StateVector>,
+    pub(crate) starts: Vec<Vec<f64>>,
 }
 
 impl Point {
@@ -22,10 +23,11 @@ impl Point {
     /// the given linear functions.
     pub(crate) fn moved(&self, step: &DVector<f64>, starts: &[DMatrix<f64>]) -> Self {
         let mut out = self.clone();
+        let (tangent, free) = (starts.first().map_or(0, DMatrix::nrows), self.model.free().len());
         for (k, parameter) in self.model.free().iter().enumerate() {
-            out.model.shift(*parameter, step[TANGENT + k]);
+            out.model.shift(*parameter, step[tangent + k]);
         }
-        out.nuisances += step.rows(TANGENT + self.model.free().len(), self.nuisances.len());
+        out.nuisances += step.rows(tangent + free, self.nuisances.len());
         for (y, by) in out.starts.iter_mut().zip(starts) {
             *y = moved(y, (by * step).as_slice());
         }
@@ -35,29 +37,48 @@ impl Point {
 
 /// What a fit keeps fixed while a point varies.
 pub(crate) struct Shooting<'a> {
-    pub(crate) inputs: Vec<HelicopterInput>,
+    /// Of the columns that the model reads.
+    pub(crate) inputs: InputSeries,
+    pub(crate) equations: Equations,
     pub(crate) measurements: &'a Measurements,
     pub(crate) times_s: Vec<f64>,
     /// Instant at which each segment begins, and one past the last instant.
     pub(crate) bounds: Vec<usize>,
     /// One over the standard deviation factor of each channel.
     pub(crate) weights: Vec<f64>,
-    /// Flapping times and the lag keep their values.
-    pub(crate) hold_times: bool,
+    /// Parameters in which the equations are not linear keep their values.
+    pub(crate) hold_nonlinear: bool,
     pub(crate) longest_step_s: f64,
     /// Inverse standard deviations and mean of the start's degrees of freedom.
-    pub(crate) prior_weights: [f64; TANGENT],
-    pub(crate) prior_start: StateVector,
+    pub(crate) prior_weights: Vec<f64>,
+    pub(crate) prior_start: Vec<f64>,
+    /// What is known of free parameters before the flight.
+    pub(crate) parameter_priors: Vec<ParameterPrior>,
+    /// [`gap_std`].
+    pub(crate) gap_std: DVector<f64>,
+}
+
+/// What is known of a free parameter before the flight.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct ParameterPrior {
+    /// Its place in the list of free ones.
+    pub(crate) place: usize,
+    pub(crate) value: f64,
+    pub(crate) std: f64,
 }
 
 /// Standard deviations of the gap from the end of one segment to the start of the next, to be multiplied by
-/// the tightness: m, rad, m/s, rad/s, rad.
-const GAP_STD: [f64; TANGENT] =
-    [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 3.0, 3.0, 3.0, 10.0, 10.0, 10.0, 1.0, 1.0, 1.0, 1.0];
-
-pub(crate) fn gap_information(tightness: f64) -> SMatrix<f64, TANGENT, TANGENT> {
-    SMatrix::from_diagonal(&SVector::from(GAP_STD.map(|s| (s * tightness).powi(-2))))
+/// the tightness: m, rad, m/s, rad/s, and five times the usual excursion of a further state.
+pub(crate) fn gap_std(further: &[FurtherState]) -> DVector<f64> {
+    let rigid = [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 3.0, 3.0, 3.0, 10.0, 10.0, 10.0];
+    DVector::from_iterator(
+        rigid.len() + further.len(),
+        rigid.into_iter().chain(further.iter().map(|s| 5.0 * s.size)),
+    )
 }
+
+/// Steps that would be shorter cannot be flown in the time that a user waits.
+const SHORTEST_STEP_S: f64 = 2e-5;
 
 /// A segment about a point. Its variables are its start, parameters, nuisances and -1.
 pub(crate) struct Segment {
@@ -80,7 +101,12 @@ pub(crate) struct Evaluation {
     /// What is known before the flight of the first segment's variables, as columns like those of a segment.
     pub(crate) prior: DMatrix<f64>,
     pub(crate) places: Vec<Place>,
-    pub(crate) states: Vec<StateVector>,
+    pub(crate) states: Vec<Vec<f64>>,
+    /// Degrees of freedom of a state.
+    pub(crate) tangent: usize,
+    /// Number of free parameters.
+    pub(crate) parameters: usize,
+    gap_std: DVector<f64>,
 }
 
 /// The residuals of rows, which are columns here: their last entries.
@@ -94,65 +120,100 @@ impl Evaluation {
     }
 
     /// From each segment's end to the next one's start.
-    pub(crate) fn gaps(&self) -> impl Iterator<Item = SVector<f64, TANGENT>> {
-        self.segments.iter().map(|s| s.next.fixed_view::<TANGENT, 1>(0, s.next.ncols() - 1).into_owned())
+    pub(crate) fn gaps(&self) -> impl Iterator<Item = DVectorView<'_, f64>> {
+        self.segments.iter().map(|s| s.next.column(s.next.ncols() - 1))
+    }
+
+    /// Inverse variances of the gaps.
+    pub(crate) fn gap_information(&self, tightness: f64) -> DVector<f64> {
+        self.gap_std.map(|std| (std * tightness).powi(-2))
     }
 
     pub(crate) fn merit(&self, tightness: f64) -> f64 {
-        let information = gap_information(tightness);
+        let information = self.gap_information(tightness);
         let squares: f64 = self.residuals().chain(residuals(&self.prior)).map(|r| r * r).sum();
-        squares + self.gaps().map(|gap| gap.dot(&(information * gap))).sum::<f64>()
+        squares + self.gaps().map(|gap| information.dot(&gap.component_mul(&gap))).sum::<f64>()
     }
 }
 
 impl Shooting<'_> {
-    fn steps(&self, model: &FlightModel, segment: usize) -> Vec<Step> {
-        let last = segment + 2 == self.bounds.len();
-        let (from, to) = (self.bounds[segment], self.bounds[segment + 1] - usize::from(last));
-        // The instant at which the next segment starts belongs to that.
-        let raster = Raster { inputs: &self.inputs, times_s: &self.times_s, longest_s: self.longest_step_s };
-        raster.steps(self.times_s[from], self.times_s[to], model, from + 1..to + usize::from(last))
+    /// Steps are those of the raster, as short as the equations at the segment's start need.
+    fn raster(&self, model: &FlightModel, longest_s: f64) -> Raster<'_> {
+        Raster {
+            inputs: &self.inputs,
+            lag_s: model.input_lag_s,
+            times_s: &self.times_s,
+            longest_s: self.longest_step_s.min(longest_s),
+        }
     }
 
     pub(crate) fn evaluate(&self, point: &Point) -> Result<Evaluation, IdentifyError> {
-        let n = TANGENT + point.model.free().len() + point.nuisances.len() + 1;
+        let parameters = point.model.free().len();
         let mut out = Evaluation {
             segments: Vec::with_capacity(point.starts.len()),
             prior: self.prior(point),
             places: Vec::new(),
-            states: vec![[f64::NAN; FLIGHT_STATES]; self.times_s.len()],
+            states: vec![vec![f64::NAN; self.equations.dynamics.states()]; self.times_s.len()],
+            tangent: self.equations.tangent(),
+            parameters,
+            gap_std: self.gap_std.clone(),
         };
+        let values = self.equations.values(&point.model);
+        let mut evaluation = self.equations.dynamics.with(&values);
         for (s, start) in point.starts.iter().enumerate() {
-            let mut rows = Vec::new();
-            let mut flyer = Propagator::new(point.model.free(), start);
-            self.see(&flyer, self.bounds[s], point, &mut rows, &mut out)?;
-            for step in self.steps(&point.model, s) {
-                flyer.step(&point.model, &self.inputs, &step);
-                if let Some(instant) = step.instant {
-                    self.see(&flyer, instant, point, &mut rows, &mut out)?;
-                }
-            }
-            if !flyer.is_finite() {
-                return Err(IdentifyError::RanAway(self.times_s[self.bounds[s]]));
-            }
-            let by = self.sensitivity(&flyer, point);
-            let mut next = DMatrix::zeros(TANGENT, n);
-            next.columns_mut(0, by.nrows()).copy_from(&by.transpose());
-            if let Some(start) = point.starts.get(s + 1) {
-                next.column_mut(n - 1).copy_from_slice(&difference(start, &flyer.y));
-            }
-            out.segments.push(Segment { rows: DMatrix::from_vec(n, rows.len() / n, rows), next });
+            let segment = self.segment(s, start, point, &mut evaluation, &mut out)?;
+            out.segments.push(segment);
         }
         Ok(out)
     }
 
-    /// Derivative of the state's degrees of freedom, a column each, by start and parameters.
-    fn sensitivity(&self, flyer: &Propagator, point: &Point) -> DMatrix<f64> {
-        let mut out = flyer.tangent();
-        for (k, parameter) in point.model.free().iter().enumerate() {
-            if self.hold_times && parameter.is_time() {
-                out.row_mut(TANGENT + k).fill(0.0);
+    fn segment(
+        &self,
+        s: usize,
+        start: &[f64],
+        point: &Point,
+        evaluation: &mut mavsight_model::Evaluation<'_>,
+        out: &mut Evaluation,
+    ) -> Result<Segment, IdentifyError> {
+        let last = s + 2 == self.bounds.len();
+        let (from, to) = (self.bounds[s], self.bounds[s + 1] - usize::from(last));
+        let begin = self.raster(&point.model, f64::INFINITY).input_at(self.times_s[from]);
+        evaluation.set_inputs(self.inputs.row(begin));
+        let raster = self.raster(&point.model, longest_step_s(evaluation, start));
+        let mut flyer = Propagator::new(&self.equations, start);
+        let mut rows = Vec::new();
+        self.see(&flyer, from, point, &mut rows, out)?;
+        if raster.longest_s < SHORTEST_STEP_S {
+            let (t_s, step_s) = (self.times_s[from], raster.longest_s);
+            return Err(IdentifyError::Stiff { t_s, step_s, shortest_s: SHORTEST_STEP_S });
+        }
+        // The instant at which the next segment starts belongs to that.
+        let instants = from + 1..to + usize::from(last);
+        for step in raster.steps(self.times_s[from], self.times_s[to], instants) {
+            flyer.step(evaluation, &self.inputs, &step);
+            if let Some(instant) = step.instant {
+                self.see(&flyer, instant, point, &mut rows, out)?;
             }
+        }
+        if !flyer.is_finite() {
+            return Err(IdentifyError::RanAway(self.times_s[from]));
+        }
+        let n = out.prior.nrows();
+        let by = self.sensitivity(&flyer);
+        let mut next = DMatrix::zeros(self.equations.tangent(), n);
+        next.columns_mut(0, by.nrows()).copy_from(&by.transpose());
+        if let Some(start) = point.starts.get(s + 1) {
+            next.column_mut(n - 1).copy_from_slice(&difference(start, &flyer.y));
+        }
+        Ok(Segment { rows: DMatrix::from_vec(n, rows.len() / n, rows), next })
+    }
+
+    /// Derivative of the state's degrees of freedom, a column each, by start and parameters.
+    fn sensitivity(&self, flyer: &Propagator<'_>) -> DMatrix<f64> {
+        let mut out = flyer.tangent();
+        if self.hold_nonlinear {
+            let held = self.equations.is_linear.iter().enumerate().filter(|(_, is_linear)| !**is_linear);
+            held.for_each(|(k, _)| out.row_mut(self.equations.tangent() + k).fill(0.0));
         }
         out
     }
@@ -160,18 +221,18 @@ impl Shooting<'_> {
     /// Appends the rows of an instant to those of its segment.
     fn see(
         &self,
-        flyer: &Propagator,
+        flyer: &Propagator<'_>,
         instant: usize,
         point: &Point,
         rows: &mut Vec<f64>,
         out: &mut Evaluation,
     ) -> Result<(), IdentifyError> {
-        out.states[instant] = flyer.y;
+        out.states[instant].clone_from(&flyer.y);
         let seen: Vec<Row<'_>> = self.measurements.rows(instant, &flyer.y)?;
         if seen.is_empty() {
             return Ok(());
         }
-        let tangent = self.sensitivity(flyer, point);
+        let tangent = self.sensitivity(flyer);
         let mut by = DVector::zeros(tangent.nrows());
         for row in seen {
             let weight = self.weights[row.channel];
@@ -186,18 +247,24 @@ impl Shooting<'_> {
         Ok(())
     }
 
-    /// The start is known as well as the prior says, each nuisance is a standard normal number.
+    /// The start and parameters are known as well as the priors say, each nuisance is a standard normal number.
     fn prior(&self, point: &Point) -> DMatrix<f64> {
-        let (m, k) = (TANGENT + point.model.free().len(), point.nuisances.len());
-        let mut out = DMatrix::zeros(m + k + 1, TANGENT + k);
+        let (tangent, k) = (self.equations.tangent(), point.nuisances.len());
+        let m = tangent + point.model.free().len();
+        let mut out = DMatrix::zeros(m + k + 1, tangent + k + self.parameter_priors.len());
         let off = difference(&self.prior_start, &point.starts[0]);
         for (i, weight) in self.prior_weights.iter().enumerate() {
             out[(i, i)] = *weight;
             out[(m + k, i)] = weight * off[i];
         }
         for (i, nuisance) in point.nuisances.iter().enumerate() {
-            out[(m + i, TANGENT + i)] = 1.0;
-            out[(m + k, TANGENT + i)] = -nuisance;
+            out[(m + i, tangent + i)] = 1.0;
+            out[(m + k, tangent + i)] = -nuisance;
+        }
+        for (i, prior) in self.parameter_priors.iter().enumerate() {
+            let now = point.model.value(point.model.free()[prior.place]);
+            out[(tangent + prior.place, tangent + k + i)] = 1.0 / prior.std;
+            out[(m + k, tangent + k + i)] = (prior.value - now) / prior.std;
         }
         out
     }

@@ -1,11 +1,12 @@
 //! States to start from, drawn out of the poses by local polynomials.
 
-use super::fitter::{Begin, Recorded};
-use super::model::{FlightModel, ModelParameter};
+use super::fitter::{Begin, LONGEST_STEP_S, Recorded};
+use super::model::{Equations, FlightModel};
+use super::propagate::{Raster, longest_step_s};
 use crate::IdentifyError;
-use mavsight_flight::flapping::{Between, first_order_response, interpolate};
-use mavsight_flight::{Coefficient as C, HelicopterInput, StateVector};
+use mavsight_flight::InputSeries;
 use mavsight_geometry::{Isometry3, Matrix3, Vector3, world_from_level};
+use mavsight_model::{Evaluation, RIGID_STATES};
 use nalgebra::{DMatrix, DVector, Matrix3x6, Vector6};
 
 /// Poses within this of an instant give its velocity, rates and accelerations: nine at 30 Hz.
@@ -41,18 +42,13 @@ pub(crate) fn begin(
     }
     let t_s: Vec<f64> = poses.iter().map(|(i, _)| times_s[*i]).collect();
     let local: Vec<Local> = (0..poses.len()).map(|k| Local::at(k, &t_s, &poses)).collect();
-    let series = HelicopterInput::series(inputs)?;
-    let flap = flapping(model, &series, &t_s, &local);
-    let state = |k: usize| -> StateVector {
-        let pose = &poses[k].1;
-        let q = world_from_level().inverse() * pose.rotation;
-        let (p, v, w, f) = (pose.translation.vector, local[k].velocity_in_body, local[k].rates, flap[k]);
-        [p.x, p.y, p.z, q.w, q.i, q.j, q.k, v.x, v.y, v.z, w.x, w.y, w.z, f[0], f[1], f[2], f[3]]
-    };
-    let nodes = segment_starts(&t_s, segment_s).into_iter().map(|k| (poses[k].0, state(k))).collect();
+    let recording = Recording { inputs, lag_s: model.input_lag_s, t_s: &t_s };
+    let states = states(model, &recording, &poses, &local);
+    let nodes = segment_starts(&t_s, segment_s);
+    let nodes = nodes.into_iter().map(|k| (poses[k].0, states[k].clone())).collect();
     let moving = |k: usize| {
-        let input = HelicopterInput::require(&series, inputs, t_s[k] - model.input_lag_s).ok()?;
-        Some(Moving { input, state: state(k), local: &local[k] })
+        let input = inputs.index_at(t_s[k] - model.input_lag_s)?;
+        Some(Moving { input: inputs.row(input), state: &states[k], local: &local[k] })
     };
     let rows: Vec<Moving<'_>> = (0..poses.len()).filter_map(moving).collect();
     Ok(Begin { model: rough(model, &rows), nodes })
@@ -60,29 +56,29 @@ pub(crate) fn begin(
 
 /// Inputs and state at an instant, with the state's accelerations.
 struct Moving<'a> {
-    input: HelicopterInput,
-    state: StateVector,
+    input: &'a [f64],
+    state: &'a [f64],
     local: &'a Local,
 }
 
-/// Coefficients that are nearest to the accelerations, by least squares with a weak pull towards those given;
-/// flapping times, linkages and the lag keep their values. Good for a start alone: the polynomials flatten
-/// what is fast.
+/// Parameters in which the accelerations are linear and that are nearest to those measured, by least squares
+/// with a weak pull towards the values given; all others keep their values. Good for a start alone: the
+/// polynomials flatten what is fast.
 fn rough(model: &FlightModel, rows: &[Moving<'_>]) -> FlightModel {
-    let linear = |p: &ModelParameter| match p {
-        ModelParameter::Coefficient(C::TauLower | C::TauFlybar | C::SwashplateGain | C::FlybarGain)
-        | ModelParameter::InputLag => None,
-        ModelParameter::Coefficient(c) => Some(*c),
-    };
-    let linear: Vec<C> = model.free().iter().filter_map(linear).collect();
-    let n = linear.len();
+    let equations = Equations::new(model);
+    let n = equations.places.len();
     let mut normal = DMatrix::<f64>::zeros(n, n);
     let mut right = DVector::<f64>::zeros(n);
+    let mut evaluation = equations.dynamics.with(&equations.values(model));
+    let mut predicted = vec![0.0; equations.dynamics.states()];
     for Moving { input, state, local } in rows {
-        let at = model.airframe.linearise(&model.coefficients, input, state);
-        let predicted = model.airframe.derivative(&model.coefficients, input, state);
+        evaluation.set_inputs(input);
+        evaluation.linearise(state, &mut predicted);
+        let mut by = DMatrix::zeros(n, predicted.len());
+        let linear = evaluation.by_parameter().filter(|s| equations.is_linear[equations.places[s.column]]);
+        linear.for_each(|slope| by[(slope.column, slope.row)] = slope.value);
         for (row, measured) in (7..13).zip(local.velocity_rate.iter().chain(&local.rate_rate)) {
-            let by = DVector::from_fn(n, |k, _| at.by_coefficient[row][linear[k] as usize]);
+            let by = by.column(row);
             normal.ger(1.0, &by, &by, 1.0);
             right.axpy(measured - predicted[row], &by, 1.0);
         }
@@ -92,10 +88,11 @@ fn rough(model: &FlightModel, rows: &[Moving<'_>]) -> FlightModel {
     }
     let mut out = model.clone();
     let step = normal.cholesky().map(|c| c.solve(&right)).filter(|s| s.iter().all(|v| v.is_finite()));
-    for (c, d) in linear.iter().zip(step.iter().flatten()) {
-        out.coefficients.set(*c, model.coefficients.get(*c) + d);
+    for (place, d) in equations.places.iter().zip(step.iter().flatten()) {
+        let parameter = model.free()[*place];
+        out.set(parameter, model.value(parameter) + d);
     }
-    out
+    if out.is_physical() { out } else { model.clone() }
 }
 
 /// Share of the information on each coefficient that pulls it to where it was: enough to part columns that
@@ -142,23 +139,82 @@ impl Local {
     }
 }
 
-/// alpha_l, beta_l, alpha_f, beta_f at the times, from rest.
-fn flapping(model: &FlightModel, samples: &[HelicopterInput], t_s: &[f64], local: &[Local]) -> Vec<[f64; 4]> {
-    let [tau_l, tau_f, kb] =
-        [C::TauLower, C::TauFlybar, C::SwashplateGain].map(|c| model.coefficients.get(c));
-    let input_t_s: Vec<f64> = samples.iter().map(|s| s.t_s + model.input_lag_s).collect();
-    let swash = |delta: fn(&HelicopterInput) -> f64| -> Vec<f64> {
-        let held: Vec<f64> = samples.iter().map(|s| kb * delta(s)).collect();
-        let forcing: Vec<f64> = held.iter().map(|h| h / tau_l).collect();
-        let response = first_order_response(&input_t_s, &forcing, Between::Hold, tau_l, held[0]);
-        t_s.iter().map(|t| interpolate(&input_t_s, &response, *t).unwrap_or(held[held.len() - 1])).collect()
+/// Recorded inputs and the times at which poses are known.
+struct Recording<'a> {
+    inputs: &'a InputSeries,
+    lag_s: f64,
+    t_s: &'a [f64],
+}
+
+/// States at the times: pose, velocity and rates as measured, further states as the model carries them along
+/// that motion, which is straight between the times.
+fn states(
+    model: &FlightModel,
+    recording: &Recording<'_>,
+    poses: &[(usize, Isometry3<f64>)],
+    local: &[Local],
+) -> Vec<Vec<f64>> {
+    let rigid = |k: usize| -> Vec<f64> {
+        let pose = &poses[k].1;
+        let q = world_from_level().inverse() * pose.rotation;
+        let (p, v, w) = (pose.translation.vector, local[k].velocity_in_body, local[k].rates);
+        vec![p.x, p.y, p.z, q.w, q.i, q.j, q.k, v.x, v.y, v.z, w.x, w.y, w.z]
     };
-    let rate = |axis: usize, tau_s: f64| {
-        let forcing: Vec<f64> = local.iter().map(|l| -l.rates[axis]).collect();
-        first_order_response(t_s, &forcing, Between::Line, tau_s, 0.0)
+    let equations = Equations::new(model);
+    let mut evaluation = equations.dynamics.with(&equations.values(model));
+    let Recording { inputs, lag_s, t_s } = *recording;
+    let raster = Raster { inputs, lag_s, times_s: t_s, longest_s: LONGEST_STEP_S[0] };
+    let first = inputs.row(raster.input_at(t_s[0]));
+    let mut further = model.model().initial(model.values(), first);
+    let mut out: Vec<Vec<f64>> = Vec::with_capacity(t_s.len());
+    out.push([rigid(0), further.clone()].concat());
+    evaluation.set_inputs(first);
+    for k in 1..t_s.len() {
+        let (from, mut to) = (rigid(k - 1), rigid(k));
+        let opposite = from[3..7].iter().zip(&to[3..7]).map(|(a, b)| a * b).sum::<f64>() < 0.0;
+        if opposite {
+            to[3..7].iter_mut().for_each(|q| *q = -*q);
+        }
+        let longest_s = LONGEST_STEP_S[0].min(longest_step_s(&mut evaluation, &out[k - 1])).max(1e-4);
+        let mut now_s = t_s[k - 1];
+        for step in (Raster { longest_s, ..raster }).steps(t_s[k - 1], t_s[k], k..k + 1) {
+            evaluation.set_inputs(inputs.row(step.input));
+            let share = |s: f64| (now_s + s * step.h_s - t_s[k - 1]) / (t_s[k] - t_s[k - 1]);
+            let motion = Along { from: &from, to: &to, begin: share(0.0), end: share(1.0), h_s: step.h_s };
+            further = carried(&mut evaluation, &motion, &further);
+            now_s += step.h_s;
+        }
+        out.push([rigid(k), further.clone()].concat());
+    }
+    out
+}
+
+/// A part of the straight way from one rigid state to another.
+struct Along<'a> {
+    from: &'a [f64],
+    to: &'a [f64],
+    begin: f64,
+    end: f64,
+    h_s: f64,
+}
+
+/// Further states after a step of the classical Runge-Kutta method along a known motion.
+fn carried(evaluation: &mut Evaluation<'_>, along: &Along<'_>, further: &[f64]) -> Vec<f64> {
+    let mut rate = |share: f64, further: &[f64]| -> Vec<f64> {
+        let at = along.begin + share * (along.end - along.begin);
+        let mut y: Vec<f64> = along.from.iter().zip(along.to).map(|(a, b)| a + at * (b - a)).collect();
+        y.extend(further);
+        let mut out = vec![0.0; y.len()];
+        evaluation.rates(&y, &mut out);
+        out.split_off(RIGID_STATES)
     };
-    let (lon, lat) = (swash(|s| s.delta_lon_rad), swash(|s| s.delta_lat_rad));
-    let (lower_q, lower_p) = (rate(1, tau_l), rate(0, tau_l));
-    let (flybar_q, flybar_p) = (rate(1, tau_f), rate(0, tau_f));
-    (0..t_s.len()).map(|k| [lon[k] + lower_q[k], lat[k] + lower_p[k], flybar_q[k], flybar_p[k]]).collect()
+    let plus =
+        |k: &[f64], h_s: f64| -> Vec<f64> { further.iter().zip(k).map(|(x, k)| x + h_s * k).collect() };
+    let h_s = along.h_s;
+    let k1 = rate(0.0, further);
+    let k2 = rate(0.5, &plus(&k1, 0.5 * h_s));
+    let k3 = rate(0.5, &plus(&k2, 0.5 * h_s));
+    let k4 = rate(1.0, &plus(&k3, h_s));
+    let sum = |k: usize| h_s / 6.0 * (k1[k] + 2.0 * (k2[k] + k3[k]) + k4[k]);
+    further.iter().enumerate().map(|(k, x)| x + sum(k)).collect()
 }

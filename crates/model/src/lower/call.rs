@@ -1,6 +1,7 @@
 //! Functions of the notation.
 
 use super::{Dimension, Lower, Meaning, Value};
+use crate::document::shown;
 use crate::fault::{Fault, ModelError, near};
 use crate::graph::Function;
 use crate::unit::Unit;
@@ -57,8 +58,8 @@ impl Lower<'_> {
             _ => {
                 let tables = self.names.iter().filter(|(_, m)| matches!(m, Meaning::Table(_)));
                 let known: Vec<&str> = names().chain(tables.map(|(name, _)| name.as_str())).collect();
-                let near = near(name, known.into_iter());
-                return self.source.fault(at, Fault::UnknownFunction { name: name.to_owned(), near });
+                let (near, name) = (near(name, known.into_iter()), shown(name));
+                return self.source.fault(at, Fault::UnknownFunction { name, near });
             }
         };
         if arguments.len() != wanted {
@@ -84,7 +85,7 @@ impl Lower<'_> {
     fn with_units(&mut self, name: &str, arguments: &[(Value, usize)]) -> Result<Value, ModelError> {
         let mut dimension = arguments[0].0.dimension;
         for (value, place) in &arguments[1..] {
-            self.require(&format!("the argument of `{name}` before"), dimension, value.dimension, *place)?;
+            self.require(&format!("what stands before in `{name}`"), dimension, value.dimension, *place)?;
             dimension = dimension.or(value.dimension);
         }
         let nodes: Vec<_> = arguments.iter().map(|(value, _)| value.node).collect();
