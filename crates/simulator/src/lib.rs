@@ -4,6 +4,7 @@
 //! No crate that estimates depends on this one. The equations are those of the vehicle's flight model
 //! (`mavsight_model`); frames and signs are those of CONVENTIONS.md.
 
+mod carried;
 mod error;
 mod maneuver;
 mod packed;
@@ -14,6 +15,7 @@ pub mod staging;
 mod state;
 mod truth;
 
+pub use carried::Carried;
 pub use error::SimulatorError;
 pub use maneuver::{AmplitudeUnit, Maneuver, Sine};
 pub use pilot::{Command, Pilot};

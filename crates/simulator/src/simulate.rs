@@ -3,8 +3,8 @@
 use crate::packed::{Packed, Short};
 use crate::{FlightState, InitialState, SimulatorError, simulated_values};
 use differential_equations::prelude::{ExplicitRungeKutta, IVP, ODE};
-use mavsight_flight::{InputSeries, Vehicle};
-use mavsight_model::{Dynamics, Evaluation};
+use mavsight_flight::{FlightError, InputSeries, Vehicle};
+use mavsight_model::{Dynamics, Evaluation, Start};
 use std::cell::RefCell;
 use std::sync::Arc;
 
@@ -12,11 +12,14 @@ use std::sync::Arc;
 const TOLERANCE: f64 = 1e-10;
 /// Samples and output times nearer than this are one.
 const SAME_TIME_S: f64 = 1e-9;
+/// A motion with a time constant below this is named as the cause where an integration breaks down.
+const SHORTEST_S: f64 = 1e-3;
 
 /// The equations of motion of a vehicle, ready for any number of flights.
 #[derive(Debug, Clone)]
 pub struct Simulator {
     model: Arc<mavsight_model::Model>,
+    values: Vec<f64>,
     dynamics: Dynamics,
     state_columns: Vec<String>,
 }
@@ -48,8 +51,10 @@ impl Simulator {
     /// A vehicle that is not valid.
     pub fn new(vehicle: &Vehicle) -> Result<Self, SimulatorError> {
         vehicle.validate()?;
+        let values = simulated_values(vehicle);
         Ok(Self {
-            dynamics: Dynamics::new(&vehicle.model, &simulated_values(vehicle), &[]),
+            dynamics: Dynamics::new(&vehicle.model, &values, &[]),
+            values,
             state_columns: vehicle.state_columns(),
             model: Arc::clone(&vehicle.model),
         })
@@ -69,12 +74,24 @@ impl Simulator {
         let y = self.checked(start)?;
         let columns: Vec<&str> = self.model.inputs.iter().map(|i| i.column.as_str()).collect();
         let inputs = inputs.select(&columns)?;
-        match Short::of(&y) {
-            Some(y) => {
-                Flight { y, t_s: first_s, motion: Motion::of(&self.dynamics) }.through(&inputs, times_s)
-            }
-            None => Flight { y, t_s: first_s, motion: Motion::of(&self.dynamics) }.through(&inputs, times_s),
+        let begin = Start { inputs: inputs.require(first_s)?.to_vec(), state: y };
+        let motion = Motion::of(&self.dynamics);
+        let flown = match Short::of(&begin.state) {
+            Some(y) => Flight { y, t_s: first_s, motion }.through(&inputs, times_s),
+            None => Flight { y: begin.state.clone(), t_s: first_s, motion }.through(&inputs, times_s),
+        };
+        flown.map_err(|error| self.explained(error, &begin))
+    }
+
+    /// Why an integration broke down, where that shows at its start: what is not finite there, or too fast.
+    fn explained(&self, error: SimulatorError, begin: &Start) -> SimulatorError {
+        if !matches!(error, SimulatorError::Integration { .. }) {
+            return error;
         }
+        let (model, values) = (&self.model, &self.values);
+        let cause = model.check_at(values, begin);
+        let cause = cause.and_then(|()| model.check_speed(values, begin, SHORTEST_S));
+        cause.map_or_else(|cause| FlightError::ModelFile(cause).into(), |()| error)
     }
 
     fn checked(&self, start: &InitialState) -> Result<Vec<f64>, SimulatorError> {
@@ -175,7 +192,6 @@ mod tests {
     use super::*;
     use crate::Scenario;
     use approx::assert_relative_eq;
-    use mavsight_flight::FlightError;
     use mavsight_model::Model;
     use nalgebra::Vector3;
     use std::collections::BTreeMap;
@@ -374,6 +390,13 @@ mod tests {
         );
         let inputs = inputs(&vehicle, &[0.0, 1.0], |_| vec![1.0]);
         let refused = simulate(&vehicle, &inputs, &at_rest(&vehicle), &[0.0, 1.0]).expect_err("too stiff");
-        assert!(refused.to_string().contains("time constants far below a millisecond"), "{refused}");
+        assert!(refused.to_string().starts_with("test.toml, line 6"), "{refused}");
+        let vehicle = with_model(
+            "schema = 2\nname = \"blown up\"\n[states]\ns = { derivative = \"s^2\", initial = 2 }\n[forces]\nx = \"s\"\n",
+        );
+        let still = still_inputs(&vehicle, 1.0);
+        let refused =
+            simulate(&vehicle, &still, &at_rest(&vehicle), &[0.0, 1.0]).expect_err("infinite at 0.5 s");
+        assert!(matches!(refused, SimulatorError::Integration { .. }), "{refused}");
     }
 }
