@@ -113,7 +113,8 @@ fn tracking(c: &mut Criterion, room: &Room, vehicle: &Vehicle) {
     let scenario = Scenario::paper();
     let inputs = scenario.inputs(vehicle).expect("inputs");
     let times = scenario.frame_times_s();
-    let states = simulate(vehicle, &inputs, &scenario.start(vehicle).expect("a start"), &times).expect("a flight");
+    let states =
+        simulate(vehicle, &inputs, &scenario.start(vehicle).expect("a start"), &times).expect("a flight");
     let flown = |k: usize| world_from_body(states[60 + k].position_in_world_m, states[60 + k].attitude);
     let hovering = |_: usize| pose();
     let films: [(&str, usize, PoseOf); 3] =
