@@ -113,7 +113,8 @@ fn tracking(c: &mut Criterion, room: &Room, vehicle: &Vehicle) {
     let scenario = Scenario::paper();
     let inputs = scenario.inputs(vehicle).expect("inputs");
     let times = scenario.frame_times_s();
-    let states = simulate(vehicle, &inputs, &scenario.start(), &times).expect("a flight");
+    let states =
+        simulate(vehicle, &inputs, &scenario.start(vehicle).expect("a start"), &times).expect("a flight");
     let flown = |k: usize| world_from_body(states[60 + k].position_in_world_m, states[60 + k].attitude);
     let hovering = |_: usize| pose();
     let films: [(&str, usize, PoseOf); 3] =
@@ -193,7 +194,8 @@ fn solving(c: &mut Criterion) {
     let scenario = Scenario::paper();
     let inputs = scenario.inputs(&vehicle).expect("inputs");
     let times = scenario.frame_times_s();
-    let states = simulate(&vehicle, &inputs, &scenario.start(), &times).expect("a flight");
+    let start = scenario.start(&vehicle).expect("a start");
+    let states = simulate(&vehicle, &inputs, &start, &times).expect("a flight");
     let poses: Vec<PoseSample> = states
         .iter()
         .map(|state| {
@@ -215,7 +217,7 @@ fn solving(c: &mut Criterion) {
         b.iter(|| black_box(smooth(&poses, gravity_m_s2)))
     });
     c.bench_function("simulate 10 s", |b| {
-        b.iter(|| black_box(simulate(&vehicle, &inputs, &scenario.start(), &times)));
+        b.iter(|| black_box(simulate(&vehicle, &inputs, &start, &times)));
     });
 }
 

@@ -172,41 +172,6 @@ impl StagedFilm<'_> {
     }
 }
 
-/// An aircraft that is carried about by hand, before the paper's cameras: sums of sines of 0.2 to 0.7 Hz,
-/// at about half a metre a second. The flapping is none.
-pub fn carried(duration_s: f64, rate_hz: f64) -> Vec<FlightState> {
-    /// Step of the central differences: their error, its square, is far below a film's.
-    const STEP_S: f64 = 1e-3;
-    let sine = |hz: f64, phase: f64, t_s: f64| (std::f64::consts::TAU * hz * t_s + phase).sin();
-    let place = |t: f64| {
-        let z_m = 1.5 + 0.15 * sine(0.43, 0.7, t) + 0.05 * sine(0.71, 0.1, t);
-        Vector3::new(0.35 * sine(0.27, 0.0, t), 0.3 * sine(0.37, 1.3, t), z_m)
-    };
-    let attitude = |t: f64| EulerAngles {
-        phi_rad: 0.2 * sine(0.53, 0.3, t),
-        theta_rad: 0.25 * sine(0.41, 1.0, t),
-        psi_rad: -0.4 + 0.3 * sine(0.21, 2.0, t),
-    };
-    let state = |k: usize| {
-        let t_s = k as f64 / rate_hz;
-        let turn = |t: f64| world_from_body(Vector3::zeros(), attitude(t)).rotation;
-        let rates = |t: f64| (turn(t - STEP_S).inverse() * turn(t + STEP_S)).scaled_axis() / (2.0 * STEP_S);
-        let velocity =
-            |t: f64| turn(t).inverse() * ((place(t + STEP_S) - place(t - STEP_S)) / (2.0 * STEP_S));
-        FlightState {
-            t_s,
-            position_in_world_m: place(t_s),
-            velocity_in_body_m_s: velocity(t_s),
-            attitude: attitude(t_s),
-            rates_rad_s: rates(t_s),
-            velocity_rate_m_s2: (velocity(t_s + STEP_S) - velocity(t_s - STEP_S)) / (2.0 * STEP_S),
-            angular_acceleration_rad_s2: (rates(t_s + STEP_S) - rates(t_s - STEP_S)) / (2.0 * STEP_S),
-            flap: Default::default(),
-        }
-    };
-    (0..(duration_s * rate_hz).round() as usize).map(state).collect()
-}
-
 /// When a frame is taken.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shot {

@@ -17,6 +17,8 @@ pub struct Input {
     pub column: String,
     /// Unit.
     pub unit: Option<Unit>,
+    /// Whether the file has it in radians: people write such an input in degrees.
+    pub is_angle: bool,
     /// Least value.
     pub min: f64,
     /// Largest value.
@@ -238,6 +240,16 @@ impl Model {
     /// Number of states, the rigid body's included.
     pub fn state_count(&self) -> usize {
         RIGID_STATES + self.states.len()
+    }
+
+    /// The place of an input by its name.
+    pub fn input(&self, name: &str) -> Option<usize> {
+        self.inputs.iter().position(|i| i.name == name)
+    }
+
+    /// Inputs with the nearest names, for messages.
+    pub fn near_inputs(&self, name: &str) -> Vec<String> {
+        crate::fault::near(name, self.inputs.iter().map(|i| i.name.as_str()))
     }
 
     /// The place of a parameter by its name or its label.

@@ -1,15 +1,13 @@
 //! Prediction of the parameters' accuracy from a manoeuvre: cameras, poses, output error.
 
 use crate::{Placed, PlanError, Planner, Solid};
-use mavsight_flight::{
-    Coefficient, HelicopterInput, InputSeries, StateVector, Vehicle, hover_rotor_speed_rad_s,
-};
+use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::{Camera, Matrix6, Vector3};
 use mavsight_identify::output_error::{
     ExpectedFit, FlightModel, OutputErrorOptions, StateMeasurement, expected_fit,
 };
 use mavsight_pose::PoseEstimator;
-use mavsight_simulator::{FlightState, Scenario, SimulatorError, simulate, true_coefficients};
+use mavsight_simulator::{AmplitudeUnit, FlightState, Scenario, Simulator, simulated_values};
 
 /// Limits of a flight.
 #[derive(Debug, Clone, PartialEq)]
@@ -18,10 +16,11 @@ pub struct FlightLimits {
     pub volume: Solid,
     /// Largest bank or pitch.
     pub tilt_deg: f64,
-    /// Largest angle of the swash-plate.
+    /// Largest change of an input that is an angle, from its value in steady flight.
     pub deflection_deg: f64,
-    /// Largest change of a rotor's speed, of the speed in hover.
-    pub rotor_percent: f64,
+    /// Largest change of another input that has a value in steady flight, in per cent of that value. An input
+    /// without one is limited by the range that the model's file gives it.
+    pub input_percent: f64,
 }
 
 /// Predicts the accuracy of parameters from manoeuvres of one vehicle in view of one rig.
@@ -32,6 +31,7 @@ pub struct FlightPlanner<'a> {
     cameras: Vec<Camera>,
     estimator: PoseEstimator,
     vehicle: Vehicle,
+    simulator: Simulator,
     limits: FlightLimits,
 }
 
@@ -72,7 +72,7 @@ impl<'a> FlightPlanner<'a> {
         let angles = [
             ("tilt", limits.tilt_deg),
             ("deflection", limits.deflection_deg),
-            ("rotor", limits.rotor_percent),
+            ("input", limits.input_percent),
         ];
         for (key, value) in angles {
             PlanError::unless(value.is_finite() && value > 0.0, key, || {
@@ -85,6 +85,7 @@ impl<'a> FlightPlanner<'a> {
             placed: placed.to_vec(),
             cameras: placed.iter().map(|p| planner.camera(p)).collect(),
             estimator: planner.estimator(&rig)?,
+            simulator: Simulator::new(vehicle)?,
             vehicle: vehicle.clone(),
             limits,
         })
@@ -112,7 +113,8 @@ impl<'a> FlightPlanner<'a> {
     /// Those of [`FlightPlanner::predict`], except the limits.
     pub fn predict_here(&self, scenario: &Scenario) -> Result<PlannedManoeuvre, PlanError> {
         let inputs = scenario.inputs(&self.vehicle)?;
-        let states = simulate(&self.vehicle, &inputs, &scenario.start(), &scenario.frame_times_s())?;
+        let states =
+            self.simulator.fly(&inputs, &scenario.start(&self.vehicle)?, &scenario.frame_times_s())?;
         let mut measured = Vec::with_capacity(states.len());
         let mut pose_covariance = Vec::with_capacity(states.len());
         let mut systematic = Vec::with_capacity(states.len());
@@ -128,7 +130,7 @@ impl<'a> FlightPlanner<'a> {
             systematic.push(estimate.systematic());
         }
         let model = true_model(&self.vehicle, &inputs)?;
-        let vectors: Vec<StateVector> = states.iter().map(|s| s.as_start().packed()).collect();
+        let vectors: Vec<Vec<f64>> = states.iter().map(|s| s.as_start().packed()).collect();
         let fit = expected_fit(&model, &inputs, measured, &vectors, &OutputErrorOptions::default())?
             .with_systematic(&systematic)?;
         let scenario = scenario.clone();
@@ -168,26 +170,43 @@ impl<'a> FlightPlanner<'a> {
     /// middle.
     fn used(&self, scenario: &Scenario) -> Result<(f64, Vector3<f64>), PlanError> {
         let inputs = scenario.inputs(&self.vehicle)?;
-        let states = simulate(&self.vehicle, &inputs, &scenario.start(), &scenario.frame_times_s())?;
+        let states =
+            self.simulator.fly(&inputs, &scenario.start(&self.vehicle)?, &scenario.frame_times_s())?;
         let first = states.first().map_or_else(Vector3::zeros, |s| s.position_in_world_m);
         let places = || states.iter().map(|s| s.position_in_world_m);
         let (low, high) = places().fold((first, first), |(low, high), p| (low.inf(&p), high.sup(&p)));
         let most = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0_f64, |most, v| most.max(v.abs()));
         let tilt_rad = most(&mut states.iter().flat_map(|s| [s.attitude.phi_rad, s.attitude.theta_rad]));
-        let samples = HelicopterInput::series(&inputs).map_err(SimulatorError::from)?;
-        let deflection_rad = most(&mut samples.iter().flat_map(|s| [s.delta_lon_rad, s.delta_lat_rad]));
-        let hover = hover_rotor_speed_rad_s(&self.vehicle);
-        let speeds = samples.iter().flat_map(|s| [s.omega_u_rad_s, s.omega_l_rad_s]);
-        let rotor = most(&mut speeds.map(|omega| omega / hover - 1.0));
         let l = &self.limits;
         let side = Vector3::from(l.volume.high_m) - Vector3::from(l.volume.low_m);
         let used = (high - low)
             .component_div(&side)
             .max()
             .max(tilt_rad.to_degrees() / l.tilt_deg)
-            .max(deflection_rad.to_degrees() / l.deflection_deg)
-            .max(100.0 * rotor / l.rotor_percent);
+            .max(self.input_share(&inputs));
         Ok((used, l.volume.middle_m() - (low + high) / 2.0))
+    }
+
+    /// The largest share of its limit that an input uses, the model's own range being one.
+    fn input_share(&self, inputs: &InputSeries) -> f64 {
+        let model = &self.vehicle.model;
+        let trim = model.trim(&simulated_values(&self.vehicle));
+        let mut most = 0.0_f64;
+        for (k, (input, trim)) in model.inputs.iter().zip(trim).enumerate() {
+            let unit = AmplitudeUnit::of(input, trim);
+            let largest = match unit {
+                AmplitudeUnit::Degrees => self.limits.deflection_deg,
+                AmplitudeUnit::PercentOfTrim { .. } => self.limits.input_percent,
+                AmplitudeUnit::Own => f64::INFINITY,
+            };
+            for row in 0..inputs.times_s().len() {
+                let change = inputs.row(row)[k] - trim;
+                let range = if change < 0.0 { input.min - trim } else { input.max - trim };
+                let of_range = if change == 0.0 { 0.0 } else { change / range };
+                most = most.max(unit.of_change(change).abs() / largest).max(of_range);
+            }
+        }
+        most
     }
 }
 
@@ -196,10 +215,9 @@ impl<'a> FlightPlanner<'a> {
 /// # Errors
 /// A vehicle that is not valid.
 pub fn true_model(vehicle: &Vehicle, inputs: &InputSeries) -> Result<FlightModel, PlanError> {
-    let truth = true_coefficients(vehicle, hover_rotor_speed_rad_s(vehicle));
     let mut model = FlightModel::new(vehicle, inputs)?;
-    for c in Coefficient::ALL {
-        model = model.with_value(c.name(), truth.get(c))?;
+    for (parameter, value) in vehicle.model.parameters.iter().zip(simulated_values(vehicle)) {
+        model = model.with_value(&parameter.name, value)?;
     }
     Ok(model)
 }

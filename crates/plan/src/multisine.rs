@@ -2,7 +2,7 @@
 
 use crate::{FlightPlanner, PlanError, PlannedManoeuvre};
 use mavsight_random::Random;
-use mavsight_simulator::{Channel, Maneuver, Scenario, Sine};
+use mavsight_simulator::{Maneuver, Scenario, Sine};
 use rayon::prelude::*;
 
 /// Criterion that a multisine minimises.
@@ -17,8 +17,8 @@ pub enum Optimality {
 /// Options of the optimisation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MultisineOptions {
-    /// Inputs that are moved.
-    pub channels: Vec<Channel>,
+    /// Names of the inputs that are moved.
+    pub channels: Vec<String>,
     /// Harmonics of one over the length; all inputs have all of them.
     pub harmonics: Vec<u32>,
     /// Beginning; it ends with the scenario.
@@ -101,7 +101,12 @@ impl FlightPlanner<'_> {
                 amplitude: cs[0].hypot(cs[1]),
                 phase_rad: cs[0].atan2(cs[1]),
             });
-            Maneuver::Sines { channel: *channel, start_s: options.start_s, length_s, sine: sine.collect() }
+            Maneuver::Sines {
+                channel: channel.clone(),
+                start_s: options.start_s,
+                length_s,
+                sine: sine.collect(),
+            }
         });
         self.predict(&Scenario { maneuver: maneuver.collect(), ..base.clone() }, true)
     }
@@ -111,7 +116,7 @@ impl FlightPlanner<'_> {
         let cost = match options.optimality {
             Optimality::D => plan.fit.log_generalised_variance(&names),
             Optimality::A => {
-                let own = plan.fit.parameters.iter().filter(|p| names.contains(&p.name));
+                let own = plan.fit.parameters.iter().filter(|p| names.contains(&p.name.as_str()));
                 Some(own.map(|p| (p.std / p.value.abs().max(f64::MIN_POSITIVE)).powi(2)).sum())
             }
         };

@@ -9,7 +9,7 @@ use mavsight_plan::{
     Planner, Room, Solid, true_model,
 };
 use mavsight_random::Random;
-use mavsight_simulator::{Channel, Maneuver, Scenario};
+use mavsight_simulator::{Maneuver, Scenario};
 
 const C_M: [&str; 4] = ["C_m,0", "C_m,alpha_u", "C_m,alpha_l", "C_m,q"];
 
@@ -35,7 +35,7 @@ centre_std_px = 0.05
 
 fn limits() -> FlightLimits {
     let volume = Solid { name: None, low_m: [-1.0, -1.0, 0.6], high_m: [1.0, 1.0, 2.4] };
-    FlightLimits { volume, tilt_deg: 25.0, deflection_deg: 5.0, rotor_percent: 5.0 }
+    FlightLimits { volume, tilt_deg: 25.0, deflection_deg: 5.0, input_percent: 5.0 }
 }
 
 fn flights<'a>(planner: &'a Planner) -> FlightPlanner<'a> {
@@ -106,7 +106,7 @@ fn an_optimised_multisine_determines_the_moment_much_better_than_the_doublet() {
     let base = Scenario { frame_rate_hz: 15.0, ..Scenario::paper() };
     let doublet = flights.predict(&base, true).expect("a doublet");
     let options = MultisineOptions {
-        channels: vec![Channel::DeltaLon],
+        channels: vec!["delta_lon".into()],
         harmonics: vec![2, 3, 5, 7, 10, 14],
         start_s: 0.5,
         parameters: C_M.map(str::to_owned).to_vec(),
@@ -171,7 +171,7 @@ fn what_cannot_be_flown_is_refused() {
     let nan = Scenario { duration_s: f64::NAN, ..Scenario::paper() };
     assert!(matches!(flights.predict(&nan, false), Err(PlanError::Flight(_))));
     let nothing = MultisineOptions {
-        channels: vec![Channel::DeltaLon],
+        channels: vec!["delta_lon".into()],
         harmonics: vec![],
         start_s: 0.5,
         parameters: C_M.map(str::to_owned).to_vec(),
@@ -183,7 +183,7 @@ fn what_cannot_be_flown_is_refused() {
     let plan = flights.predict(&Scenario::paper(), true).expect("a plan");
     assert!(plan.fit.first_order(&[]).is_err());
     assert!(plan.fit.clone().with_systematic(&[]).is_err());
-    let step = Maneuver::Step { channel: Channel::DeltaLon, start_s: 1.0, amplitude: 80.0 };
+    let step = Maneuver::Step { channel: "delta_lon".into(), start_s: 1.0, amplitude: 80.0 };
     let plan = flights.predict(&Scenario { maneuver: vec![step], ..Scenario::paper() }, false);
     assert!(plan.is_err() || plan.is_ok_and(|p| p.used <= 1.0));
 }

@@ -61,7 +61,7 @@ impl WorldRates {
 mod tests {
     use super::*;
     use mavsight_flight::Vehicle;
-    use mavsight_simulator::{Channel, Maneuver, Scenario, simulate};
+    use mavsight_simulator::{Maneuver, Scenario, simulate};
 
     /// Every second instant of a flight against the simulation itself.
     #[test]
@@ -70,7 +70,7 @@ mod tests {
         let scenario = Scenario {
             duration_s: 4.0,
             maneuver: vec![Maneuver::Doublet {
-                channel: Channel::DeltaLon,
+                channel: "delta_lon".into(),
                 start_s: 0.5,
                 pulse_s: 0.7,
                 amplitude: 5.0,
@@ -79,8 +79,8 @@ mod tests {
         };
         let inputs = scenario.inputs(&vehicle).unwrap();
         let times: Vec<f64> = (0..240).map(|k| f64::from(k) / 60.0).collect();
-        let states = simulate(&vehicle, &inputs, &scenario.start(), &times).unwrap();
-        let coarse: Vec<FlightState> = states.iter().step_by(2).copied().collect();
+        let states = simulate(&vehicle, &inputs, &scenario.start(&vehicle).unwrap(), &times).unwrap();
+        let coarse: Vec<FlightState> = states.iter().step_by(2).cloned().collect();
         for row in &states[..238] {
             let (got, want) = (true_pose(&coarse, row.t_s).unwrap(), row.pose());
             let apart_m = (got.translation.vector - want.translation.vector).norm();
@@ -89,7 +89,7 @@ mod tests {
         }
         assert_eq!(true_pose(&coarse, -0.01), None);
         assert_eq!(true_pose(&coarse, 4.1), None);
-        let far = [coarse[0], coarse[30]];
+        let far = [coarse[0].clone(), coarse[30].clone()];
         assert_eq!(true_pose(&far, 0.5), None);
     }
 }

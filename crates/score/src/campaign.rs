@@ -24,7 +24,7 @@ use std::path::Path;
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrueParameter {
     /// Name.
-    pub name: &'static str,
+    pub name: String,
     /// Truth.
     pub truth: f64,
     /// Estimate.
@@ -268,7 +268,7 @@ impl Combination<'_> {
             volume: planner.room().room.clone(),
             tilt_deg: 80.0,
             deflection_deg: 80.0,
-            rotor_percent: 80.0,
+            input_percent: 80.0,
         };
         let rig = planner.rig(&placed)?;
         let plan = FlightPlanner::new(&planner, &placed, &vehicle, limits)?.predict_here(&scenario)?;
@@ -328,7 +328,7 @@ impl Cell {
         if kind == FitKind::FirstOrder {
             let got = plan.fit.first_order(poses).ok()?;
             let of = |(p, e): (&ExpectedParameter, &f64)| TrueParameter {
-                name: p.name,
+                name: p.name.clone(),
                 truth: p.value,
                 estimate: *e,
                 std: p.std,
@@ -340,8 +340,12 @@ impl Cell {
         let measured = Measurements::States(measured.collect());
         let fit = output_error(&self.model, &plan.inputs, &measured, &OutputErrorOptions::default()).ok()?;
         let flown = fit.parameters.iter().zip(planned);
-        let flown =
-            flown.map(|(f, p)| TrueParameter { name: f.name, truth: p.value, estimate: f.value, std: f.std });
+        let flown = flown.map(|(f, p)| TrueParameter {
+            name: f.name.clone(),
+            truth: p.value,
+            estimate: f.value,
+            std: f.std,
+        });
         Some(flown.collect())
     }
 }

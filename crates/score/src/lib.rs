@@ -27,12 +27,12 @@ pub use truth::{VISIBILITY, read_truth, truth_of, visibility_of, write_truth, wr
 pub use virtual_flight::VirtualFlight;
 pub use virtual_lab::{ObservationNoise, VirtualCamera, VirtualLab};
 
-use mavsight_flight::{Vehicle, hover_rotor_speed_rad_s};
+use mavsight_flight::Vehicle;
 use mavsight_geometry::{EulerAngles, Vector3};
-use mavsight_identify::output_error::{FlightFits, ModelParameter};
+use mavsight_identify::output_error::FlightFits;
 use mavsight_identify::{Estimator, Identification};
 use mavsight_pose::{Motion, PoseSample, Rig};
-use mavsight_simulator::{FlightState, ModelCoefficients, true_coefficients};
+use mavsight_simulator::{FlightState, true_values};
 use serde::Serialize;
 
 /// Errors of position and attitude.
@@ -184,18 +184,24 @@ pub fn score_motion(motion: &Motion, truth: &[FlightState]) -> Option<MotionErro
     })
 }
 
-/// Errors of the flapping parameters against the model that was simulated; parameters that were declared not
-/// identifiable, or left out, have no error.
-pub fn score_parameters(identification: &Identification, truth: &ModelCoefficients) -> Vec<ParameterError> {
-    let wanted = [
-        ("C_X", "alpha_u", truth.cx_alpha_u),
-        ("C_X", "alpha_l", truth.cx_alpha_l),
-        ("C_m", "alpha_u", truth.cm_alpha_u),
-        ("C_m", "alpha_l", truth.cm_alpha_l),
-    ];
+/// What a regression finds on a flight of the coaxial helicopter, as sums of its model's parameters: output,
+/// regressor, parameters. The hub's stiffness acts as the moment of either disc does.
+const REGRESSED: [(&str, &str, &[&str]); 4] = [
+    ("C_X", "alpha_u", &["C_X,alpha_u"]),
+    ("C_X", "alpha_l", &["C_X,alpha_l"]),
+    ("C_m", "alpha_u", &["C_m,alpha_u", "C_m,hub"]),
+    ("C_m", "alpha_l", &["C_m,alpha_l", "C_m,hub"]),
+];
+
+/// Errors of the flapping parameters of equation error against the simulated vehicle; parameters that the
+/// vehicle's model does not have, that were declared not identifiable, or left out, have no error.
+pub fn score_parameters(identification: &Identification, vehicle: &Vehicle) -> Vec<ParameterError> {
+    let truth = true_values(vehicle);
+    let sum = |labels: &[&str]| labels.iter().map(|label| truth.get(*label).copied()).sum::<Option<f64>>();
     let estimators = [Estimator::LeastSquares, Estimator::TotalLeastSquares];
-    let all = estimators.into_iter().flat_map(|estimator| wanted.map(|w| (estimator, w)));
-    let error = |(estimator, (output, name, truth)): (Estimator, (&str, &str, f64))| {
+    let all = estimators.into_iter().flat_map(|estimator| REGRESSED.map(|w| (estimator, w)));
+    let error = |(estimator, (output, name, labels)): (Estimator, (&str, &str, &[&str]))| {
+        let truth = sum(labels)?;
         let fit = identification.fit(output, estimator)?;
         let p = fit.parameters.iter().find(|p| p.name == name)?;
         let interval = p.ci_low.zip(p.ci_high);
@@ -206,15 +212,13 @@ pub fn score_parameters(identification: &Identification, truth: &ModelCoefficien
 
 /// Errors of the parameters of output error against the simulated vehicle; the true input lag is 0.
 pub fn score_output_error(fits: &FlightFits, vehicle: &Vehicle) -> Vec<ParameterError> {
-    let truth = true_coefficients(vehicle, hover_rotor_speed_rad_s(vehicle));
-    let of = |p: ModelParameter| match p {
-        ModelParameter::Coefficient(c) => truth.get(c),
-        ModelParameter::InputLag => 0.0,
-    };
+    let truth = true_values(vehicle);
     let all = fits.named().flat_map(|(estimator, fit)| fit.parameters.iter().map(move |p| (estimator, p)));
     all.map(|(estimator, p)| {
+        // The lag alone is no parameter of the vehicle's model.
+        let own = truth.get(&p.name).copied().unwrap_or(0.0);
         let interval = Some((p.ci_low, p.ci_high));
-        ParameterError::new(estimator, p.name.to_owned(), of(p.parameter), p.value, interval)
+        ParameterError::new(estimator, p.name.clone(), own, p.value, interval)
     })
     .collect()
 }

@@ -6,9 +6,15 @@ use mavsight_pipeline::{NoProgress, Refinement, Tracked, motion_of, reconstruct,
 use mavsight_pose::{CameraControl, MarkerObservation, Motion, Rig, calibrate};
 use mavsight_random::Random;
 use mavsight_session::ns_from_s;
-use mavsight_simulator::{Channel, FlightState, Maneuver, Scenario, simulate};
+use mavsight_simulator::{Carried, FlightState, Maneuver, Scenario, Simulator};
 
 const DURATION_S: f64 = 6.0;
+
+/// Inputs that are moved, with the largest amplitudes: degrees of the swash-plate, per cent of the rotor speed.
+const LARGEST: [(&str, f64); 3] = [("delta_lon", 5.0), ("delta_lat", 4.0), ("omega_u", 1.5)];
+
+/// What is carried by hand is so at most this long before its flight: its sines do not come together again.
+const LONGEST_S: f64 = 1e3;
 
 /// Once a flight no camera sees anything for this time.
 const GAP_S: f64 = 0.25;
@@ -68,24 +74,37 @@ impl VirtualLab {
         Ok(VirtualFlight { truth, rig, tracked, motion })
     }
 
-    /// Hover with doublets and a 3-2-1-1 in the swash-plate and the rotor speed at random times, in view of
-    /// the cameras.
+    /// A random motion in view of the cameras: hover with doublets and a 3-2-1-1 in the swash-plate and the
+    /// rotor speed where the vehicle has these inputs; another aircraft is carried about by hand, since what it
+    /// does in a room by itself is not known.
     ///
     /// # Errors
-    /// [`ScoreError::OutOfView`] where even a small manoeuvre is not seen; a vehicle that cannot be
-    /// simulated.
+    /// [`ScoreError::OutOfView`] where even a small motion is not seen; a vehicle that cannot be simulated.
     pub fn flight(&self, random: &mut Random) -> Result<Vec<FlightState>, ScoreError> {
         let mut scenario = self.scenario(random);
-        let mut most = 0.0;
+        let flies = LARGEST.iter().all(|(input, _)| self.vehicle.model.input(input).is_some());
+        let simulator = if flies { Some(Simulator::new(&self.vehicle)?) } else { None };
+        let since_s = if flies { 0.0 } else { random.between(0.0, LONGEST_S) };
+        let (mut most, mut size) = (0.0, 1.0);
         for _ in 0..SMALLER_TIMES {
-            let inputs = scenario.inputs(&self.vehicle)?;
-            let states = simulate(&self.vehicle, &inputs, &scenario.start(), &scenario.frame_times_s())?;
+            let states = match &simulator {
+                Some(simulator) => {
+                    let (inputs, start) = (scenario.inputs(&self.vehicle)?, scenario.start(&self.vehicle)?);
+                    simulator.fly(&inputs, &start, &scenario.frame_times_s())?
+                }
+                None => {
+                    let (heading_rad, place) = (-scenario.heading_deg.to_radians(), scenario.position_m);
+                    let motion = Carried { middle_in_world_m: place.into(), heading_rad, size, since_s };
+                    motion.states(DURATION_S, self.frame_rate_hz, self.vehicle.model.states.len())
+                }
+            };
             let seen = states.iter().filter(|s| self.is_in_view(s)).count() as f64;
             let share = seen / states.len().max(1) as f64;
             if share >= IN_VIEW_SHARE {
                 return Ok(states);
             }
             most = f64::max(most, share);
+            size *= SMALLER;
             scenario.maneuver.iter_mut().for_each(|m| *m = m.scaled(SMALLER));
         }
         let (share_percent, needed_percent) = (100.0 * most, 100.0 * IN_VIEW_SHARE);
@@ -94,13 +113,12 @@ impl VirtualLab {
 
     fn scenario(&self, random: &mut Random) -> Scenario {
         let mut maneuver = Vec::new();
-        let largest = [(Channel::DeltaLon, 5.0), (Channel::DeltaLat, 4.0), (Channel::OmegaU, 1.5)];
-        for (channel, largest) in largest {
+        for (input, largest) in LARGEST {
             let (amplitude, start_s) = (largest * random.between(-1.0, 1.0), random.between(0.5, 3.0));
-            let pulse_s = random.between(0.3, 0.8);
+            let (channel, pulse_s) = (input.to_owned(), random.between(0.3, 0.8));
             maneuver.push(Maneuver::Doublet { channel, start_s, pulse_s, amplitude });
         }
-        let (channel, amplitude) = (Channel::DeltaLon, random.between(-2.0, 2.0));
+        let (channel, amplitude) = (LARGEST[0].0.to_owned(), random.between(-2.0, 2.0));
         maneuver.push(Maneuver::ThreeTwoOneOne { channel, start_s: 3.0, unit_s: 0.25, amplitude });
         let start = self.middle_m + self.around_m.map(|half| half * random.between(-1.0, 1.0));
         Scenario {

@@ -2,7 +2,7 @@
 
 use crate::error::read_text;
 use crate::error::require_file;
-use crate::files::read_toml;
+use crate::files::{read_toml, write_toml, write_whole};
 use crate::session_file::{SessionCamera, SessionFile, is_empty, validate};
 use crate::video::{FrameSource, find_clap, is_pattern};
 use crate::{SessionError, read_image, read_rig, tables};
@@ -219,17 +219,32 @@ pub fn load_equations(path: &Path) -> Result<EquationFile, SessionError> {
     EquationFile::parse(&file, &text).map_err(|source| SessionError::content(path, source))
 }
 
-/// Reads and validates a vehicle file, and the model file that it names.
+/// Reads and validates a vehicle file, with the model file beside it that it names.
 ///
 /// # Errors
 /// Names the file and the line or key.
 pub fn load_vehicle(path: &Path) -> Result<Vehicle, SessionError> {
     let file: VehicleFile = read_toml(path, "vehicle file")?;
-    let folder = path.parent().unwrap_or(Path::new(""));
-    let read = |name: &str| read_text(&folder.join(name), "model file").map_err(|e| e.to_string());
-    let vehicle = file.vehicle(read).map_err(|source| SessionError::content(path, source))?;
+    let beside = path.parent().unwrap_or(Path::new(""));
+    let model = |name: &str| read_text(&beside.join(name), "flight model").map_err(|e| e.to_string());
+    let vehicle = file.vehicle(model).map_err(|source| SessionError::content(path, source))?;
     vehicle.validate().map_err(|source| SessionError::content(path, source))?;
     Ok(vehicle)
+}
+
+/// Writes a vehicle file, and beside it the model that it names unless that is of the shelf.
+///
+/// # Errors
+/// What the file system refuses.
+pub fn write_vehicle(path: &Path, vehicle: &Vehicle) -> Result<(), SessionError> {
+    let mut file = VehicleFile::from(vehicle.clone());
+    let own = |name: &String| mavsight_model::Model::shelf(name).is_none();
+    if let Some(name) = file.model.take_if(|name| own(name)) {
+        let name = Path::new(&name).file_name().unwrap_or("model.toml".as_ref()).to_owned();
+        write_whole(&path.with_file_name(&name), vehicle.model.definition.as_bytes())?;
+        file.model = Some(name.to_string_lossy().into_owned());
+    }
+    write_toml(path, &file)
 }
 
 #[cfg(test)]

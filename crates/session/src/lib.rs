@@ -13,7 +13,7 @@ mod table;
 pub mod tables;
 pub mod video;
 
-pub use config::{Session, cameras_of, load_equations, load_vehicle};
+pub use config::{Session, cameras_of, load_equations, load_vehicle, write_vehicle};
 pub use error::SessionError;
 pub use files::{make_folder, read_toml, write_json, write_toml, write_whole};
 pub use mavsight_link::LiveSection;

@@ -1,32 +1,63 @@
 //! Movements of the inputs.
 
 use crate::SimulatorError;
+use mavsight_model::Input;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
-/// The input that a manoeuvre moves.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Channel {
-    /// Swash-plate, longitudinal; amplitude in degrees.
-    DeltaLon,
-    /// Swash-plate, lateral; amplitude in degrees.
-    DeltaLat,
-    /// Upper rotor speed about hover; amplitude in per cent of the hover speed.
-    OmegaU,
-    /// Lower rotor speed about hover; amplitude in per cent of the hover speed.
-    OmegaL,
+/// What the amplitude of an input's manoeuvre is given in.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum AmplitudeUnit {
+    /// Degrees, of an input in radians.
+    Degrees,
+    /// Per cent of the value in steady flight, of another input that has one.
+    PercentOfTrim {
+        /// The value in steady flight, in the input's unit.
+        trim: f64,
+    },
+    /// The input's own unit.
+    Own,
 }
 
-/// One movement of one input, added to hover. Amplitudes are in degrees of swash-plate or per cent of rotor
-/// speed.
+impl AmplitudeUnit {
+    /// That of an input with this value in steady flight.
+    pub fn of(input: &Input, trim: f64) -> Self {
+        match (input.is_angle, trim) {
+            (true, _) => Self::Degrees,
+            (false, 0.0) => Self::Own,
+            (false, trim) => Self::PercentOfTrim { trim },
+        }
+    }
+
+    /// An amplitude in the input's own unit.
+    pub fn in_own_unit(self, amplitude: f64) -> f64 {
+        match self {
+            Self::Degrees => amplitude.to_radians(),
+            Self::PercentOfTrim { trim } => amplitude / 100.0 * trim,
+            Self::Own => amplitude,
+        }
+    }
+
+    /// A change of the input, in its own unit, as an amplitude.
+    pub fn of_change(self, change: f64) -> f64 {
+        match self {
+            Self::Degrees => change.to_degrees(),
+            Self::PercentOfTrim { trim } => change / trim * 100.0,
+            Self::Own => change,
+        }
+    }
+}
+
+/// One movement of one input, added to its value in steady flight. Amplitudes are in degrees where the input is
+/// in radians, in per cent of the value in steady flight where there is one, and else in the input's unit
+/// ([`AmplitudeUnit`]).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Maneuver {
     /// One pulse up and one down, each `pulse_s` long; a negative amplitude begins down.
     Doublet {
-        /// Input moved.
-        channel: Channel,
+        /// Name of the input moved, as the vehicle's model has it.
+        channel: String,
         /// Begin.
         start_s: f64,
         /// Length of each pulse.
@@ -37,8 +68,8 @@ pub enum Maneuver {
     /// Pulses of 3, 2, 1 and 1 units of `unit_s` with changing sign.
     #[serde(rename = "3-2-1-1")]
     ThreeTwoOneOne {
-        /// Input moved.
-        channel: Channel,
+        /// Name of the input moved, as the vehicle's model has it.
+        channel: String,
         /// Begin.
         start_s: f64,
         /// Length of the shortest pulse.
@@ -48,8 +79,8 @@ pub enum Maneuver {
     },
     /// A step that is held.
     Step {
-        /// Input moved.
-        channel: Channel,
+        /// Name of the input moved, as the vehicle's model has it.
+        channel: String,
         /// Begin.
         start_s: f64,
         /// Amplitude.
@@ -58,8 +89,8 @@ pub enum Maneuver {
     /// Sines of equal amplitude at multiples of the lowest frequency, phases after Schroeder (1970) for a low
     /// peak.
     Multisine {
-        /// Input moved.
-        channel: Channel,
+        /// Name of the input moved, as the vehicle's model has it.
+        channel: String,
         /// Begin.
         start_s: f64,
         /// Length; also the period of the lowest frequency.
@@ -71,8 +102,8 @@ pub enum Maneuver {
     },
     /// Sines whose amplitudes and phases are given: what an optimised multisine consists of.
     Sines {
-        /// Input moved.
-        channel: Channel,
+        /// Name of the input moved, as the vehicle's model has it.
+        channel: String,
         /// Begin.
         start_s: f64,
         /// Length; also the period of the first harmonic.
@@ -95,13 +126,14 @@ pub struct Sine {
 }
 
 impl Maneuver {
-    pub(crate) fn channel(&self) -> Channel {
+    /// Name of the input moved.
+    pub fn channel(&self) -> &str {
         match self {
             Self::Doublet { channel, .. }
             | Self::ThreeTwoOneOne { channel, .. }
             | Self::Step { channel, .. }
             | Self::Multisine { channel, .. }
-            | Self::Sines { channel, .. } => *channel,
+            | Self::Sines { channel, .. } => channel,
         }
     }
 
@@ -204,7 +236,7 @@ mod tests {
     #[test]
     fn three_two_one_one_has_those_lengths() {
         let m = Maneuver::ThreeTwoOneOne {
-            channel: Channel::DeltaLat,
+            channel: "delta_lat".into(),
             start_s: 1.0,
             unit_s: 0.5,
             amplitude: 2.0,
@@ -220,7 +252,7 @@ mod tests {
     fn a_multisine_has_the_effective_value_asked_for_and_a_low_peak() {
         let harmonics: Vec<u32> = (1..=8).collect();
         let m = Maneuver::Multisine {
-            channel: Channel::OmegaU,
+            channel: "omega_u".into(),
             start_s: 0.0,
             length_s: 10.0,
             harmonics,
@@ -237,7 +269,7 @@ mod tests {
     fn given_sines_are_added_and_scaled() {
         let sine = |harmonic, amplitude, phase_rad| Sine { harmonic, amplitude, phase_rad };
         let m = Maneuver::Sines {
-            channel: Channel::DeltaLon,
+            channel: "delta_lon".into(),
             start_s: 1.0,
             length_s: 4.0,
             sine: vec![sine(1, 2.0, 0.0), sine(3, 1.0, PI / 2.0)],
@@ -247,7 +279,7 @@ mod tests {
             assert!((m.value(t) - wanted).abs() < 1e-12, "{t}");
             assert!((m.scaled(-0.5).value(t) + 0.5 * wanted).abs() < 1e-12);
         }
-        let none = Maneuver::Sines { channel: Channel::DeltaLon, start_s: 0.0, length_s: 1.0, sine: vec![] };
+        let none = Maneuver::Sines { channel: "delta_lon".into(), start_s: 0.0, length_s: 1.0, sine: vec![] };
         assert!(none.check().is_err());
     }
 }

@@ -1,10 +1,11 @@
 //! A pilot who flies the simulated helicopter for as long as it is wanted: holds it in the middle of the
 //! room, wanders, and moves the swash-plate now and then so that the parameters show themselves.
 
-use crate::{FlightState, InitialState, SimulatorError, simulate};
-use mavsight_flight::{FlightError, HelicopterInput, InputSeries, Vehicle, hover_rotor_speed_rad_s};
+use crate::{FlightState, InitialState, Simulator, SimulatorError, simulated_values};
+use mavsight_flight::{FlightError, InputSeries, Vehicle};
 use mavsight_geometry::{EulerAngles, Vector3};
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 /// Steps of the controls in one frame.
 const STEPS: u32 = 2;
@@ -25,19 +26,35 @@ const EVERY_S: f64 = 8.0;
 /// Length of one of a manoeuvre's pulses.
 const PULSE_S: f64 = 0.35;
 
+/// The inputs that the pilot moves: speeds of the upper and lower rotor, swash-plate longitudinal and lateral.
+const MOVED: [&str; 4] = ["omega_u", "omega_l", "delta_lon", "delta_lat"];
+
+/// What the pilot commands from a time on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Command {
+    /// Time.
+    pub t_s: f64,
+    /// Values of the inputs, in the order of the vehicle's model.
+    pub values: Vec<f64>,
+}
+
 /// The flight so far.
 #[derive(Debug)]
 pub struct Pilot {
-    vehicle: Vehicle,
+    simulator: Simulator,
+    columns: Arc<[String]>,
+    /// Where the inputs of [`MOVED`] are among the model's.
+    moved: [usize; 4],
+    gravity_m_s2: f64,
     frame_s: f64,
-    hover_rad_s: f64,
+    trim: Vec<f64>,
     state: FlightState,
     /// Frames from the first one that is kept on.
     frames: VecDeque<FlightState>,
     first: u64,
-    inputs: VecDeque<HelicopterInput>,
+    inputs: VecDeque<Command>,
     /// Commands that nobody has taken yet.
-    fresh: Vec<HelicopterInput>,
+    fresh: Vec<Command>,
     step: u64,
 }
 
@@ -45,30 +62,39 @@ impl Pilot {
     /// A pilot whose aircraft stands still in the middle of the room at time 0.
     ///
     /// # Errors
-    /// A vehicle that cannot fly.
+    /// [`SimulatorError::Pilot`] for a model that lacks an input of the coaxial helicopter; a vehicle that
+    /// cannot fly.
     pub fn new(vehicle: &Vehicle, frame_rate_hz: f64) -> Result<Self, SimulatorError> {
-        let hover_rad_s = hover_rotor_speed_rad_s(vehicle);
+        let model = &vehicle.model;
+        let mut moved = [0; 4];
+        for (place, name) in moved.iter_mut().zip(MOVED) {
+            *place = model.input(name).ok_or_else(|| SimulatorError::Pilot {
+                model: model.name.clone(),
+                needed: MOVED.join(", "),
+                missing: name.to_owned(),
+            })?;
+        }
+        let trim = model.trim(&simulated_values(vehicle));
         let start = InitialState {
             position_in_world_m: MIDDLE_M.into(),
             attitude: EulerAngles { psi_rad: HEADING_RAD, ..EulerAngles::default() },
-            ..InitialState::default()
+            ..InitialState::at_rest(vehicle, &trim)
         };
-        let still = |t_s| HelicopterInput {
-            t_s,
-            omega_u_rad_s: hover_rad_s,
-            omega_l_rad_s: hover_rad_s,
-            ..HelicopterInput::default()
-        };
+        let columns: Arc<[String]> = vehicle.input_columns().into_iter().map(str::to_owned).collect();
         let frame_s = 1.0 / frame_rate_hz;
-        let inputs = HelicopterInput::recorded(&[still(0.0), still(frame_s)])?;
-        let states = simulate(vehicle, &inputs, &start, &[0.0])?;
-        let state = states.first().copied().ok_or(FlightError::TooFewInputs(0))?;
+        let simulator = Simulator::new(vehicle)?;
+        let still = [0.0, frame_s].map(|t_s| Command { t_s, values: trim.clone() });
+        let states = simulator.fly(&series(&columns, &still)?, &start, &[0.0])?;
+        let state = states.into_iter().next().ok_or(FlightError::TooFewInputs(0))?;
         Ok(Self {
-            vehicle: vehicle.clone(),
+            simulator,
+            columns,
+            moved,
+            gravity_m_s2: vehicle.environment.gravity_m_s2,
             frame_s,
-            hover_rad_s,
+            trim,
+            frames: VecDeque::from([state.clone()]),
             state,
-            frames: VecDeque::from([state]),
             first: 0,
             inputs: VecDeque::new(),
             fresh: Vec::new(),
@@ -85,13 +111,13 @@ impl Pilot {
             for _ in 0..STEPS {
                 self.fly()?;
             }
-            self.frames.push_back(self.state);
+            self.frames.push_back(self.state.clone());
             if self.frames.len() > KEPT_FRAMES {
                 self.frames.pop_front();
                 self.first += 1;
             }
         }
-        Ok(frame.checked_sub(self.first).and_then(|k| self.frames.get(k as usize).copied()))
+        Ok(frame.checked_sub(self.first).and_then(|k| self.frames.get(k as usize).cloned()))
     }
 
     /// What was commanded from one time to another; none where that is not known any more, or not yet.
@@ -103,11 +129,11 @@ impl Pilot {
         let before = self.inputs.partition_point(|i| i.t_s <= from_s).saturating_sub(1);
         let after = self.inputs.partition_point(|i| i.t_s < to_s) + 1;
         let kept = self.inputs.range(before..after.min(self.inputs.len()));
-        HelicopterInput::recorded(&kept.copied().collect::<Vec<_>>()).ok()
+        series(&self.columns, kept).ok()
     }
 
     /// What has been commanded since the last call.
-    pub fn fresh(&mut self) -> std::vec::Drain<'_, HelicopterInput> {
+    pub fn fresh(&mut self) -> std::vec::Drain<'_, Command> {
         self.fresh.drain(..)
     }
 
@@ -116,13 +142,13 @@ impl Pilot {
         let step_s = self.frame_s / f64::from(STEPS);
         let (t_s, next_s) = (self.step as f64 * step_s, (self.step + 1) as f64 * step_s);
         let input = self.command(t_s);
-        let inputs = HelicopterInput::recorded(&[input, HelicopterInput { t_s: next_s, ..input }])?;
-        let start = self.state.as_start();
-        if let Some(state) = simulate(&self.vehicle, &inputs, &start, &[t_s, next_s])?.last() {
-            self.state = *state;
+        let held = [input.clone(), Command { t_s: next_s, ..input.clone() }];
+        let inputs = series(&self.columns, &held)?;
+        if let Some(state) = self.simulator.fly(&inputs, &self.state.as_start(), &[t_s, next_s])?.pop() {
+            self.state = state;
         }
         self.step += 1;
-        self.inputs.push_back(input);
+        self.inputs.push_back(input.clone());
         self.fresh.push(input);
         while self.inputs.front().is_some_and(|i| i.t_s < t_s - KEPT_INPUTS_S) {
             self.inputs.pop_front();
@@ -131,14 +157,14 @@ impl Pilot {
     }
 
     /// Position by tilt, tilt by the swash-plate, height by both rotors and heading by their difference.
-    fn command(&self, t_s: f64) -> HelicopterInput {
+    fn command(&self, t_s: f64) -> Command {
         let s = &self.state;
         let to_level = |v: Vector3<f64>| Vector3::new(v.x, -v.y, -v.z);
         let velocity = s.attitude.level_from_body() * s.velocity_in_body_m_s;
         let off = to_level(goal_m(t_s) - s.position_in_world_m);
         let wanted = off * 1.0 - velocity * 1.4;
         let (sin, cos) = s.attitude.psi_rad.sin_cos();
-        let g = self.vehicle.environment.gravity_m_s2;
+        let g = self.gravity_m_s2;
         let forward = wanted.x * cos + wanted.y * sin;
         let right = wanted.y * cos - wanted.x * sin;
         let pitch = (-forward / g).clamp(-0.15, 0.15);
@@ -147,16 +173,29 @@ impl Pilot {
         let (lon, lat) = manoeuvre_rad(t_s);
         let heave = 0.15 * -off.z + 0.14 * velocity.z + collective(t_s);
         let turn = (0.1 * (HEADING_RAD - s.attitude.psi_rad) - 0.1 * r).clamp(-0.1, 0.1);
-        let mean = self.hover_rad_s * (1.0 + heave.clamp(-0.1, 0.1));
+        let mean = 1.0 + heave.clamp(-0.1, 0.1);
         let bounded = |angle: f64| angle.clamp(-MOST_RAD, MOST_RAD);
-        HelicopterInput {
-            t_s,
-            omega_u_rad_s: mean * (1.0 - turn),
-            omega_l_rad_s: mean * (1.0 + turn),
-            delta_lon_rad: bounded(0.5 * (pitch - s.attitude.theta_rad) - 0.03 * q + lon),
-            delta_lat_rad: bounded(0.5 * (roll - s.attitude.phi_rad) - 0.03 * p + lat),
-        }
+        let [upper, lower, longitudinal, lateral] = self.moved;
+        let mut values = self.trim.clone();
+        values[upper] *= mean * (1.0 - turn);
+        values[lower] *= mean * (1.0 + turn);
+        values[longitudinal] += bounded(0.5 * (pitch - s.attitude.theta_rad) - 0.03 * q + lon);
+        values[lateral] += bounded(0.5 * (roll - s.attitude.phi_rad) - 0.03 * p + lat);
+        Command { t_s, values }
     }
+}
+
+/// Commands as a series of inputs.
+fn series<'a>(
+    columns: &Arc<[String]>,
+    commands: impl IntoIterator<Item = &'a Command>,
+) -> Result<InputSeries, FlightError> {
+    let (mut times_s, mut values) = (Vec::new(), Vec::new());
+    for command in commands {
+        times_s.push(command.t_s);
+        values.extend_from_slice(&command.values);
+    }
+    InputSeries::new(Arc::clone(columns), times_s, values)
 }
 
 /// Where the pilot wants to be: wandering about the middle.
@@ -211,5 +250,14 @@ mod tests {
         assert!(span.start_s() <= 100.0 && span.end_s() >= 110.0 && span.start_s() > 99.9);
         assert!(pilot.span(1.0, 10.0).is_none() && pilot.span(110.0, 130.0).is_none());
         assert_eq!(pilot.fresh().count(), 2 * (60 * 120 - 1));
+    }
+
+    #[test]
+    fn another_aircraft_is_refused_by_the_input_that_it_lacks() {
+        let mut vehicle = Vehicle::paper();
+        vehicle.model = Arc::new(mavsight_model::Model::rigid_body());
+        (vehicle.parameters, vehicle.simulation) = Default::default();
+        let refused = Pilot::new(&vehicle, 60.0).expect_err("it has no rotor").to_string();
+        assert!(refused.contains("coaxial helicopter") && refused.contains("has no omega_u"), "{refused}");
     }
 }

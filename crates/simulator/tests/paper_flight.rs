@@ -1,6 +1,6 @@
 //! The motion of an integration of the same model that shares no code with this one.
 
-use mavsight_flight::{HelicopterInput, Vehicle};
+use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_simulator::{Scenario, simulate};
 use std::path::PathBuf;
 
@@ -23,20 +23,15 @@ fn table(text: &str) -> Vec<Vec<f64>> {
 fn paper_flights_motion_is_reproduced() {
     let Some(folder) = recordings() else { return };
     let read = |name: &str| table(&std::fs::read_to_string(folder.join(name)).expect("a table"));
-    let samples: Vec<HelicopterInput> = read("inputs.csv")
-        .iter()
-        .map(|r| HelicopterInput {
-            t_s: r[0],
-            omega_u_rad_s: r[1],
-            omega_l_rad_s: r[2],
-            delta_lon_rad: r[3],
-            delta_lat_rad: r[4],
-        })
-        .collect();
-    let inputs = HelicopterInput::recorded(&samples).expect("inputs");
+    let rows = read("inputs.csv");
+    let names = ["omega_u_rad_s", "omega_l_rad_s", "delta_lon_rad", "delta_lat_rad"].map(str::to_owned);
+    let values = rows.iter().flat_map(|r| r[1..5].iter().copied()).collect();
+    let inputs = InputSeries::new(names, rows.iter().map(|r| r[0]).collect(), values).expect("inputs");
     let truth = read("truth.csv");
     let times: Vec<f64> = truth.iter().map(|r| r[0]).collect();
-    let states = simulate(&Vehicle::paper(), &inputs, &Scenario::paper().start(), &times).expect("a flight");
+    let vehicle = Vehicle::paper();
+    let start = Scenario::paper().start(&vehicle).expect("a start");
+    let states = simulate(&vehicle, &inputs, &start, &times).expect("a flight");
     let mut worst = [0.0_f64; 3];
     for (row, s) in truth.iter().zip(&states) {
         let p = s.position_in_world_m;

@@ -109,7 +109,11 @@ impl TryFrom<VehicleFile> for Vehicle {
 impl From<Vehicle> for VehicleFile {
     fn from(vehicle: Vehicle) -> Self {
         let file = vehicle.model.file.clone();
-        let shelf = file.strip_suffix(".toml").filter(|name| SHELF.iter().any(|(known, _)| known == name));
+        // A file beside the vehicle's may have a name of the shelf.
+        let own = |(known, text): &(&str, &str)| {
+            file.strip_suffix(".toml") == Some(known) && *text == vehicle.model.definition
+        };
+        let shelf = SHELF.iter().find(|entry| own(entry)).map(|(name, _)| *name);
         let model = match shelf {
             Some(name) => Some(name.to_owned()),
             None => (*vehicle.model != Model::rigid_body()).then_some(file),

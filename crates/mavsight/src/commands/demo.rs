@@ -7,7 +7,7 @@ use crate::lab::{self, StagedFilm};
 use crate::progress::Bars;
 use anyhow::Result;
 use mavsight_engine::{Flight, TrackedFlight, solve};
-use mavsight_flight::{Vehicle, hover_rotor_speed_rad_s};
+use mavsight_flight::Vehicle;
 use mavsight_geometry::Vector3;
 use mavsight_pipeline::{
     CameraFeed, ControlPointRow, ControlStill, IdentifyOptions, PipelineError, Progress, TimedFrame, Tracked,
@@ -19,8 +19,8 @@ use mavsight_scene::Aircraft;
 use mavsight_score::{
     VirtualCamera, score_cameras, score_identity, score_output_error, score_parameters, write_truth,
 };
-use mavsight_session::{ns_from_s, write_control_points, write_inputs, write_toml};
-use mavsight_simulator::{FlightState, Scenario, model_coefficients, simulate};
+use mavsight_session::{ns_from_s, write_control_points, write_inputs, write_vehicle};
+use mavsight_simulator::{FlightState, Scenario, simulate};
 use mavsight_vision::Frame;
 use std::path::Path;
 
@@ -41,7 +41,7 @@ pub(crate) fn demo(args: &Demo) -> Result<()> {
     let bars = Bars::new();
     bars.start("flying", None);
     let inputs = scenario.inputs(&vehicle)?;
-    let truth = simulate(&vehicle, &inputs, &scenario.start(), &scenario.frame_times_s())?;
+    let truth = simulate(&vehicle, &inputs, &scenario.start(&vehicle)?, &scenario.frame_times_s())?;
     bars.start("building", None);
     let cameras = lab::cameras();
     let staging = &scenario.staging;
@@ -60,9 +60,8 @@ pub(crate) fn demo(args: &Demo) -> Result<()> {
     let tracked = TrackedFlight { rig, tracked, body: Vec::new() };
     let mut results = solve(&flight, tracked, Some(&args.out), &bars)?;
     let mut scores = scores_of(&results, &truth);
-    let model = model_coefficients(&vehicle, hover_rotor_speed_rad_s(&vehicle));
     scores.parameters =
-        results.identification.as_ref().map(|i| score_parameters(i, &model)).unwrap_or_default();
+        results.identification.as_ref().map(|i| score_parameters(i, &vehicle)).unwrap_or_default();
     scores.output_error = score_output_error(&results.output_error, &vehicle);
     let shares =
         |row: &FlightState| films.iter().map(|f| f.visible_shares(&vehicle, &aircraft, row)).collect();
@@ -71,9 +70,9 @@ pub(crate) fn demo(args: &Demo) -> Result<()> {
     let centres: Vec<_> = cameras.iter().map(|c| (c.name.clone(), c.camera.centre_in_world())).collect();
     scores.cameras = results.rig.as_ref().map(|r| score_cameras(r, &centres)).unwrap_or_default();
     bars.done();
-    write_toml(&args.out.join("vehicle.toml"), &vehicle)?;
+    write_vehicle(&args.out.join("vehicle.toml"), &vehicle)?;
     write_inputs(&args.out.join("inputs.csv"), &inputs)?;
-    write_truth(&args.out.join("truth.csv"), &truth)?;
+    write_truth(&args.out.join("truth.csv"), &truth, &vehicle)?;
     write_control_points(&args.out.join("control_points.csv"), &lab::control_points())?;
     let mut frames = Vec::new();
     for film in films.iter().filter(|_| !truth.is_empty()) {

@@ -13,7 +13,7 @@ use mavsight_score::{VISIBILITY, VirtualCamera, read_truth, write_visibility};
 use mavsight_session::{
     ControlSection, LineTime, SESSION_SCHEMA, SessionCamera, SessionFile, load_vehicle, make_folder,
     read_toml, tables::read_control_points, tables::read_inputs, write_control_points, write_png, write_toml,
-    write_whole,
+    write_vehicle, write_whole,
 };
 use mavsight_simulator::{FlightState, Scenario, Staging};
 use mavsight_vision::Frame;
@@ -122,7 +122,7 @@ struct Set<'a> {
 
 pub(crate) fn film(args: &Film) -> Result<()> {
     let vehicle = named(load_vehicle(&args.flight.join("vehicle.toml")))?;
-    let truth = named(read_truth(&args.flight.join("truth.csv")))?;
+    let truth = named(read_truth(&args.flight.join("truth.csv"), &vehicle))?;
     named(read_inputs(&args.flight.join("inputs.csv"), &vehicle))?;
     let interval_s = match truth.as_slice() {
         [a, b, ..] => b.t_s - a.t_s,
@@ -156,7 +156,8 @@ pub(crate) fn film(args: &Film) -> Result<()> {
     }
     write_control_points(&args.out.join("control_points.csv"), &control)?;
     if args.flight.canonicalize().ok() != args.out.canonicalize().ok() {
-        for name in ["vehicle.toml", "inputs.csv", "truth.csv"] {
+        write_vehicle(&args.out.join("vehicle.toml"), &vehicle)?;
+        for name in ["inputs.csv", "truth.csv"] {
             let content = std::fs::read(args.flight.join(name)).context(name)?;
             write_whole(&args.out.join(name), &content)?;
         }

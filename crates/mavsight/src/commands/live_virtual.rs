@@ -6,7 +6,7 @@ use crate::cli::{Live, WrongCall};
 use crate::lab;
 use crate::progress::Bars;
 use anyhow::{Context, Result};
-use mavsight_flight::{HelicopterInput, InputSeries, Vehicle};
+use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::ImageSize;
 use mavsight_live::{
     CameraSetup, FlightClock, InputSource, Listeners, Pace, RecordedSession, Recorder, RecorderSlot, Setup,
@@ -17,7 +17,7 @@ use mavsight_scene::{Aircraft, Film, FilmStream, Room, Sensor};
 use mavsight_score::VirtualCamera;
 use mavsight_session::{
     ControlSection, LiveSection, SESSION_SCHEMA, SessionCamera, SessionFile, make_folder, ns_from_s,
-    write_control_points, write_png, write_toml,
+    write_control_points, write_png, write_vehicle,
 };
 use mavsight_simulator::{FlightState, Pilot};
 use mavsight_vision::Frame;
@@ -54,7 +54,7 @@ impl Shared {
         let mut pilot = self.pilot();
         let state = pilot.at(frame)?;
         for input in pilot.fresh() {
-            self.recorder.current().iter().for_each(|r| r.input(input.t_s, &input.row()));
+            self.recorder.current().iter().for_each(|r| r.input(input.t_s, &input.values));
         }
         Ok(state)
     }
@@ -226,7 +226,7 @@ fn record(
         return Err(WrongCall(message).into());
     }
     make_folder(to)?;
-    write_toml(&to.join("vehicle.toml"), vehicle)?;
+    write_vehicle(&to.join("vehicle.toml"), vehicle)?;
     write_control_points(&to.join("control_points.csv"), &lab::control_points())?;
     let mut camera = Vec::new();
     for ControlStill { camera: name, frame } in stills {
@@ -243,7 +243,7 @@ fn record(
         camera,
         ..SessionFile::default()
     };
-    let inputs = Some(HelicopterInput::COLUMNS.map(str::to_owned).to_vec());
+    let inputs = Some(vehicle.input_columns().into_iter().map(str::to_owned).collect());
     let of = RecordedSession { session, base: to.to_owned(), rate_hz, inputs, waits };
     Ok(Recorder::begin(to, of)?)
 }

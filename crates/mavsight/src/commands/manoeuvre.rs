@@ -6,12 +6,14 @@ use crate::cli::{Criterion, PlanManoeuvre, WrongCall};
 use crate::out::{out, outln};
 use crate::progress::Bars;
 use anyhow::{Context, Result};
+use mavsight_flight::Vehicle;
+use mavsight_identify::output_error::FlightModel;
 use mavsight_plan::{
     FlightLimits, FlightPlanner, MultisineOptions, Optimality, PlannedManoeuvre, Planner, SearchOptions,
     Solid,
 };
 use mavsight_session::{RESULTS_SCHEMA, make_folder, write_csv, write_json, write_toml};
-use mavsight_simulator::{Channel, Maneuver, Scenario};
+use mavsight_simulator::{Maneuver, Scenario};
 use serde_json::json;
 
 /// Nothing is done before, so that the start can be determined.
@@ -23,10 +25,15 @@ const UNIT_S: f64 = 0.5;
 /// Frequencies of the multisines: from what a volume allows to what rotors answer to.
 const BAND_HZ: (f64, f64) = (0.25, 2.5);
 const HARMONICS: usize = 10;
-const ROTOR_PERCENT: f64 = 5.0;
+/// Largest change of an input that is no angle, of its value in steady flight.
+const INPUT_PERCENT: f64 = 5.0;
+/// What a manoeuvre moves and determines where the vehicle has it.
+const USUAL_INPUT: &str = "delta_lon";
+const USUAL_PARAMETERS: [&str; 4] = ["C_m,0", "C_m,alpha_u", "C_m,alpha_l", "C_m,q"];
 
 pub(crate) fn manoeuvre(args: &PlanManoeuvre) -> Result<()> {
     let (planner, vehicle) = Planner::load(&args.room).map_err(wrong_call)?;
+    let moved = moved(&vehicle, &args.input)?;
     let bars = Bars::new();
     bars.start("planning", None);
     let placed = match &args.cameras {
@@ -38,7 +45,7 @@ pub(crate) fn manoeuvre(args: &PlanManoeuvre) -> Result<()> {
         volume: Solid { name: None, low_m: volume.low_m, high_m: volume.high_m },
         tilt_deg: args.max_tilt,
         deflection_deg: args.max_deflection,
-        rotor_percent: ROTOR_PERCENT,
+        input_percent: INPUT_PERCENT,
     };
     let flights = FlightPlanner::new(&planner, &placed, &vehicle, limits)?;
     let base = Scenario {
@@ -47,7 +54,7 @@ pub(crate) fn manoeuvre(args: &PlanManoeuvre) -> Result<()> {
         ..Scenario::paper()
     };
     let mut plans = Vec::new();
-    for (name, maneuver) in built_in(args.duration) {
+    for (name, maneuver) in built_in(&moved[0], args.duration) {
         let scenario = Scenario { maneuver: vec![maneuver], ..base.clone() };
         plans.push((name.to_owned(), flights.predict(&scenario, true).with_context(|| name)?));
     }
@@ -55,26 +62,22 @@ pub(crate) fn manoeuvre(args: &PlanManoeuvre) -> Result<()> {
         let name = path.file_stem().map_or_else(|| "own".to_owned(), |s| s.to_string_lossy().into_owned());
         plans.push((name.clone(), flights.predict(&scenario_of(Some(path))?, false).context(name)?));
     }
+    let names = parameters(&plans[0].1, &args.parameters)?;
     let options = MultisineOptions {
-        channels: vec![Channel::DeltaLon],
+        channels: moved.clone(),
         harmonics: harmonics(args.duration - QUIET_S),
         start_s: QUIET_S,
-        parameters: args.parameters.clone(),
+        parameters: names.clone(),
         optimality: if args.criterion == Criterion::D { Optimality::D } else { Optimality::A },
         generations: args.generations,
         seed: args.seed,
     };
     plans.push(("optimised".to_owned(), flights.optimise(&base, &options)?));
     bars.done();
-    let names: Vec<&str> = args.parameters.iter().map(String::as_str).collect();
-    if plans[0].1.fit.log_generalised_variance(&names).is_none() {
-        let known: Vec<&str> = plans[0].1.fit.parameters.iter().map(|p| p.name).collect();
-        let message =
-            format!("--parameters {}: not all are free: use some of {}", names.join(" "), known.join(" "));
-        return Err(WrongCall(message).into());
-    }
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
     out!("{}", table(&plans, &names));
-    for line in verdicts(&plans) {
+    let held = FlightModel::new(&vehicle, &plans[0].1.inputs)?.held();
+    for line in verdicts(&plans, &moved[0], &held) {
         outln!("{line}");
     }
     if let Some(out) = &args.out {
@@ -82,7 +85,7 @@ pub(crate) fn manoeuvre(args: &PlanManoeuvre) -> Result<()> {
         let header = ["manoeuvre", "parameter", "value", "std", "identifiable"];
         let rows = |(name, plan): &(String, PlannedManoeuvre)| -> Vec<_> {
             let parameters = plan.fit.parameters.iter();
-            parameters.map(|p| (name.clone(), p.name, p.value, p.std, p.identifiable)).collect()
+            parameters.map(|p| (name.clone(), p.name.clone(), p.value, p.std, p.identifiable)).collect()
         };
         write_csv(&out.join("manoeuvres.csv"), header, plans.iter().flat_map(rows))?;
         write_json(&out.join("manoeuvres.json"), &json(&plans, &names))?;
@@ -94,12 +97,59 @@ pub(crate) fn manoeuvre(args: &PlanManoeuvre) -> Result<()> {
     Ok(())
 }
 
-fn built_in(duration_s: f64) -> [(&'static str, Maneuver); 3] {
-    let channel = Channel::DeltaLon;
+/// The inputs that are moved: those asked for, or the usual one.
+fn moved(vehicle: &Vehicle, asked: &[String]) -> Result<Vec<String>, WrongCall> {
+    let model = &vehicle.model;
+    let names = || model.inputs.iter().map(|i| i.name.clone()).collect::<Vec<String>>();
+    if let Some(unknown) = asked.iter().find(|name| model.input(name).is_none()) {
+        let known = names().join(" ");
+        return Err(WrongCall(format!("--input {unknown}: the model {} has {known}", model.name)));
+    }
+    if !asked.is_empty() {
+        return Ok(asked.to_vec());
+    }
+    let usual = model.input(USUAL_INPUT).map(|_| USUAL_INPUT.to_owned());
+    let first = usual.or_else(|| names().into_iter().next());
+    let none = || WrongCall(format!("the model {} has no input: there is nothing to plan", model.name));
+    first.map(|name| vec![name]).ok_or_else(none)
+}
+
+/// The parameters that count: those asked for, the usual ones, or all that a plan frees.
+fn parameters(plan: &PlannedManoeuvre, asked: &[String]) -> Result<Vec<String>, WrongCall> {
+    let free: Vec<String> = plan.fit.parameters.iter().map(|p| p.name.clone()).collect();
+    if asked.is_empty() {
+        let usual = USUAL_PARAMETERS.map(str::to_owned);
+        return Ok(if usual.iter().all(|name| free.contains(name)) { usual.to_vec() } else { free });
+    }
+    if asked.iter().all(|name| free.contains(name)) {
+        return Ok(asked.to_vec());
+    }
+    let (asked, free) = (asked.join(" "), free.join(" "));
+    Err(WrongCall(format!("--parameters {asked}: not all are free: use some of {free}")))
+}
+
+fn built_in(input: &str, duration_s: f64) -> [(&'static str, Maneuver); 3] {
+    let channel = input.to_owned();
     let length_s = duration_s - QUIET_S;
     [
-        ("doublet", Maneuver::Doublet { channel, start_s: DOUBLET.0, pulse_s: DOUBLET.1, amplitude: -5.0 }),
-        ("3-2-1-1", Maneuver::ThreeTwoOneOne { channel, start_s: DOUBLET.0, unit_s: UNIT_S, amplitude: 2.0 }),
+        (
+            "doublet",
+            Maneuver::Doublet {
+                channel: channel.clone(),
+                start_s: DOUBLET.0,
+                pulse_s: DOUBLET.1,
+                amplitude: -5.0,
+            },
+        ),
+        (
+            "3-2-1-1",
+            Maneuver::ThreeTwoOneOne {
+                channel: channel.clone(),
+                start_s: DOUBLET.0,
+                unit_s: UNIT_S,
+                amplitude: 2.0,
+            },
+        ),
         (
             "multisine",
             Maneuver::Multisine {
@@ -158,21 +208,23 @@ fn ratio(plans: &Plans, plan: &PlannedManoeuvre, names: &[&str]) -> f64 {
     log(plan).zip(log(&plans[0].1)).map_or(f64::INFINITY, |(own, doublet)| (own - doublet).exp())
 }
 
-fn verdicts(plans: &Plans) -> Vec<String> {
+fn verdicts(plans: &Plans, input: &str, held: &[String]) -> Vec<String> {
     let mut out = Vec::new();
     for (name, plan) in plans {
         let vague: Vec<&str> =
-            plan.fit.parameters.iter().filter(|p| !p.identifiable).map(|p| p.name).collect();
+            plan.fit.parameters.iter().filter(|p| !p.identifiable).map(|p| p.name.as_str()).collect();
         if let Some(combination) = &plan.fit.undetermined {
             out.push(format!("The {name}: {combination}."));
         } else if !vague.is_empty() {
             out.push(format!("The {name} hardly determines {}.", vague.join(", ")));
         }
     }
-    out.push(
-        "No manoeuvre of the longitudinal swash-plate alone determines lateral damping, thrust and torque of each rotor or yaw damping: they are held at the vehicle file's values."
-            .to_owned(),
-    );
+    if !held.is_empty() {
+        let held = held.join(", ");
+        out.push(format!(
+            "No manoeuvre of {input} alone determines {held}: they are held at the vehicle file's values."
+        ));
+    }
     out
 }
 

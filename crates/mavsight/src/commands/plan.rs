@@ -9,7 +9,7 @@ use mavsight_plan::{CameraPair, EXAMPLE, Placed, PlanError, Planner, Ranked, Sea
 use mavsight_report::{CameraPlan, angle_deg, least, write_plan_report};
 use mavsight_session::{
     ControlSection, RESULTS_SCHEMA, SESSION_SCHEMA, SessionCamera, SessionError, SessionFile, make_folder,
-    write_control_points, write_csv, write_json, write_toml, write_whole,
+    write_control_points, write_csv, write_json, write_toml, write_vehicle, write_whole,
 };
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -221,5 +221,5 @@ fn write_start(plan: &CameraPlan<'_>, vehicle: &Vehicle, out: &Path) -> Result<(
     };
     write_toml(&folder.join("session.toml"), &session)?;
     write_control_points(&folder.join("control_points.csv"), plan.planner.control())?;
-    Ok(write_toml(&folder.join("vehicle.toml"), vehicle)?)
+    Ok(write_vehicle(&folder.join("vehicle.toml"), vehicle)?)
 }

@@ -13,8 +13,9 @@ use mavsight_report::{FlightReport, Summary, write_report};
 use mavsight_score::{truth_of, write_truth};
 use mavsight_session::{
     RunResults, Session, make_folder, read_body, read_markers, read_poses, read_rig, read_summary,
-    results::names, tables::read_inputs, write_inputs, write_results, write_toml,
+    results::names, tables::read_inputs, write_inputs, write_results, write_toml, write_vehicle,
 };
+use mavsight_simulator::Carried;
 use serde_json::Value;
 use std::path::Path;
 
@@ -33,14 +34,16 @@ pub(crate) fn simulate(args: &Simulate) -> Result<()> {
         None => scenario.inputs(&vehicle)?,
     };
     let states = if args.carried {
-        crate::lab::carried(scenario.duration_s, scenario.frame_rate_hz)
+        let further = vehicle.model.states.len();
+        Carried::default().states(scenario.duration_s, scenario.frame_rate_hz, further)
     } else {
-        mavsight_simulator::simulate(&vehicle, &inputs, &scenario.start(), &scenario.frame_times_s())?
+        let start = scenario.start(&vehicle)?;
+        mavsight_simulator::simulate(&vehicle, &inputs, &start, &scenario.frame_times_s())?
     };
     make_folder(out)?;
-    write_toml(&out.join("vehicle.toml"), &vehicle)?;
+    write_vehicle(&out.join("vehicle.toml"), &vehicle)?;
     write_inputs(&out.join("inputs.csv"), &inputs)?;
-    write_truth(&out.join("truth.csv"), &states)?;
+    write_truth(&out.join("truth.csv"), &states, &vehicle)?;
     if !scenario.staging.is_empty() {
         write_toml(&out.join(STAGING), &scenario.staging)?;
     }

@@ -131,6 +131,7 @@ fn input(entry: &Entry<'_>, source: Source<'_>) -> Result<Item<Input>, ModelErro
     let item = Input {
         name: entry.key.clone(),
         column: section.string("column")?.unwrap_or_else(|| entry.key.clone()),
+        is_angle: section.string("unit")?.is_some_and(|unit| unit.trim() == "rad"),
         unit: section.unit()?,
         min: section.number("min")?.unwrap_or(f64::NEG_INFINITY),
         max: section.number("max")?.unwrap_or(f64::INFINITY),

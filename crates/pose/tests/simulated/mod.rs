@@ -11,8 +11,7 @@ use mavsight_pose::{
     BodyMarker, CameraControl, MarkerObservation, PoseEstimator, PoseSample, Rig, calibrate,
 };
 pub(crate) use mavsight_random::Random;
-use mavsight_simulator::{Channel, Maneuver, Scenario};
-use mavsight_simulator::{FlightState, simulate};
+use mavsight_simulator::{FlightState, Maneuver, Scenario, simulate};
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
 /// Standard deviation of a ball's centre in a frame of flight, and of a control point's in a still of 0.5 px
@@ -93,14 +92,15 @@ pub(crate) fn square() -> Vec<BodyMarker> {
 /// Hover with doublets and a 3-2-1-1 in the swash-plate and the rotor speeds, at random times.
 pub(crate) fn flight(random: &mut Random) -> Vec<FlightState> {
     let mut maneuver = Vec::new();
-    for (channel, largest) in [(Channel::DeltaLon, 5.0), (Channel::DeltaLat, 4.0), (Channel::OmegaU, 1.5)] {
+    for (input, largest) in [("delta_lon", 5.0), ("delta_lat", 4.0), ("omega_u", 1.5)] {
+        let channel = input.to_owned();
         let amplitude = largest * random.between(-1.0, 1.0);
         let start_s = random.between(0.5, 3.0);
         maneuver.push(Maneuver::Doublet { channel, start_s, pulse_s: random.between(0.3, 0.8), amplitude });
     }
     let amplitude = random.between(-2.0, 2.0);
     maneuver.push(Maneuver::ThreeTwoOneOne {
-        channel: Channel::DeltaLon,
+        channel: "delta_lon".to_owned(),
         start_s: 3.0,
         unit_s: 0.25,
         amplitude,
@@ -114,7 +114,8 @@ pub(crate) fn flight(random: &mut Random) -> Vec<FlightState> {
     };
     let vehicle = Vehicle::paper();
     let inputs = scenario.inputs(&vehicle).expect("inputs");
-    simulate(&vehicle, &inputs, &scenario.start(), &scenario.frame_times_s()).expect("a flight")
+    let start = scenario.start(&vehicle).expect("a start");
+    simulate(&vehicle, &inputs, &start, &scenario.frame_times_s()).expect("a flight")
 }
 
 pub(crate) fn pose_of(state: &FlightState) -> Isometry3<f64> {
