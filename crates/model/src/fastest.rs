@@ -24,8 +24,8 @@ impl Evaluation<'_> {
         for slope in self.by_state() {
             matrix[slope.row * n + slope.column] = slope.value;
         }
-        // Gelfand: the 2^k-th root of the norm of the 2^k-th power goes to the largest eigenvalue. A norm that is
-        // taken out each time keeps numbers in range.
+        // Gelfand: the 2^k-th root of the norm of the 2^k-th power goes to the largest eigenvalue. A norm
+        // that is taken out each time keeps numbers in range.
         let mut logarithm = 0.0;
         for k in 0..=SQUARINGS {
             let norm = matrix.iter().fold(0.0, |most: f64, v| most.max(v.abs()));

@@ -53,9 +53,9 @@ impl Model {
     ///
     /// # Errors
     /// The first fault, with its line and column: text that is no TOML; unknown or missing keys; names that
-    /// are taken or not defined; definitions in a circle; units that do not agree; a parameter without effect;
-    /// a file of more than a megabyte, a hundred states or inputs, or 50 000 operations, a million in all
-    /// derivatives.
+    /// are taken or not defined; definitions in a circle; units that do not agree; a parameter without
+    /// effect; a file of more than a megabyte, a hundred states or inputs, or 50 000 operations, a million in
+    /// all derivatives.
     pub fn parse(file: &str, text: &str) -> Result<Self, ModelError> {
         let source = Source { file, text };
         if text.len() > LARGEST_FILE {

@@ -104,7 +104,8 @@ impl RigidBody {
     pub(crate) fn euler_angles(&self, graph: &mut Graph) -> Vector {
         let r = self.rotation(graph);
         let up = graph.negate(r[2][0]);
-        // An arc sine would lose half its digits near the vertical, and have no value where rounding exceeds one.
+        // An arc sine would lose half its digits near the vertical, and have no value where rounding exceeds
+        // one.
         let squares = dot(graph, &r[2][1..], &r[2][1..]);
         let across = graph.apply(Function::Sqrt, squares);
         [graph.atan2(r[2][1], r[2][2]), graph.atan2(up, across), graph.atan2(r[1][0], r[0][0])]

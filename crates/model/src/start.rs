@@ -29,9 +29,9 @@ impl Model {
         Start { inputs, state }
     }
 
-    /// Refuses values of the parameters with which something is not finite at rest: a parameter, the trim, the
-    /// initial value of a state, a force, a moment, the derivative of a state, or their derivatives by the
-    /// states and by the parameters that may be free.
+    /// Refuses values of the parameters with which something is not finite at rest: a parameter, the trim,
+    /// the initial value of a state, a force, a moment, the derivative of a state, or their derivatives by
+    /// the states and by the parameters that may be free.
     ///
     /// # Errors
     /// [`Fault::NotFinite`] with what is not finite, at its place in the file.
@@ -52,8 +52,8 @@ impl Model {
     /// Refuses a model that changes faster at a start than an integrator follows.
     ///
     /// # Errors
-    /// [`Fault::TooFast`] with the state that changes most in the fastest motion, where its time constant is below
-    /// `shortest_s`.
+    /// [`Fault::TooFast`] with the state that changes most in the fastest motion, where its time constant is
+    /// below `shortest_s`.
     pub fn check_speed(&self, values: &[f64], start: &Start, shortest_s: f64) -> Result<(), ModelError> {
         let dynamics = Dynamics::new(self, values, &[]);
         let mut evaluation = dynamics.with(&[]);
@@ -102,7 +102,8 @@ impl Model {
         }
     }
 
-    /// What a flight integrates, with names and places: components of the load, derivatives of further states.
+    /// What a flight integrates, with names and places: components of the load, derivatives of further
+    /// states.
     fn integrated(&self) -> Vec<(String, usize, Node)> {
         let axes = ["x", "y", "z"].map(|axis| format!("{axis} of [forces]")).into_iter();
         let axes = axes.chain(["x", "y", "z"].map(|axis| format!("{axis} of [moments]")));

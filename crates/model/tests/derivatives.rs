@@ -1,8 +1,9 @@
 //! Values and exact derivatives of the crate against the text of the file, worked out in 57 digits.
 //!
-//! A derivative is right where it is within 1e-12 of the central difference, relative to the difference. Where it is
-//! the difference of larger terms, no number of 64 bits holds it so well: there, 1e-12 of the sum of its terms by the
-//! chain rule, without regard to sign, is the measure. How many derivatives need that is counted, and must be few.
+//! A derivative is right where it is within 1e-12 of the central difference, relative to the difference.
+//! Where it is the difference of larger terms, no number of 64 bits holds it so well: there, 1e-12 of the sum
+//! of its terms by the chain rule, without regard to sign, is the measure. How many derivatives need that is
+//! counted, and must be few.
 
 #![allow(clippy::unwrap_used, clippy::panic)]
 
@@ -99,8 +100,8 @@ fn names(model: &Model) -> (Vec<String>, Vec<String>) {
     (variables.collect(), states)
 }
 
-/// Compares at random states, derivatives by all variables or by the states, inputs and parameters of the file alone;
-/// `reference` is the text that is worked out in 57 digits.
+/// Compares at random states, derivatives by all variables or by the states, inputs and parameters of the
+/// file alone; `reference` is the text that is worked out in 57 digits.
 fn compare(
     [text, reference]: [&str; 2],
     states: usize,

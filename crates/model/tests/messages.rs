@@ -381,6 +381,26 @@ const CASES: &[(&str, &str, &str)] = &[
     ),
 ];
 
+/// Lines that end in CR and LF, a byte-order mark, numbers in other bases.
+#[test]
+fn files_of_other_systems_are_read() {
+    let text = changed("value = \"k_T*speed^2\"", "value = \"\"\"\n  k_T*\n  sped^2\"\"\"");
+    for text in [text.clone(), text.replace('\n', "\r\n")] {
+        let error = Model::parse("test.toml", &text).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "test.toml, line 16, column 3: `sped` is not defined: did you mean speed?"
+        );
+    }
+    assert!(Model::parse("test.toml", &format!("\u{feff}{GOOD}")).is_ok());
+    for (number, value) in
+        [("0x10", 16.0), ("0b11", 3.0), ("1_000", 1000.0), ("-5", -5.0), ("+1.5e-3", 1.5e-3)]
+    {
+        let model = model("value = 0.1 }", &format!("value = {number} }}"));
+        assert_eq!(model.values(&BODY, |_| None)[model.parameter("d").unwrap()], value);
+    }
+}
+
 /// What a file says whose size is too much.
 #[test]
 fn too_much_is_said() {

@@ -5,8 +5,9 @@ use super::{Function, Graph, Node, Operation, Variable};
 impl Graph {
     /// The exact derivatives of some nodes by a variable: forward through the graph by the chain rule.
     ///
-    /// At a kink (of `abs`, `min`, `max`, a table) the derivative is that of one side. Where the argument of a
-    /// root does not change, the root does not either: the length of a velocity has derivatives at rest, zero.
+    /// At a kink (of `abs`, `min`, `max`, a table) the derivative is that of one side. Where the argument of
+    /// a root does not change, the root does not either: the length of a velocity has derivatives at rest,
+    /// zero.
     pub(crate) fn derivatives(&mut self, of: &[Node], by: Variable) -> Vec<Node> {
         let reached = self.reached(of);
         let zero = self.constant(0.0);

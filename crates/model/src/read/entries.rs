@@ -73,7 +73,8 @@ pub(super) fn declare<'a>(root: &Section<'a>, lower: &mut Lower<'a>) -> Result<D
     Ok(out)
 }
 
-/// Refuses a label that is the name or the label of another parameter: whoever asks for one would get the other.
+/// Refuses a label that is the name or the label of another parameter: whoever asks for one would get the
+/// other.
 fn labels_differ(parameters: &[Item<Parameter>], lower: &Lower<'_>) -> Result<(), ModelError> {
     for (k, Item { item, at, .. }) in parameters.iter().enumerate() {
         let same = |other: &Item<Parameter>| other.item.name == item.label || other.item.label == item.label;

@@ -1,5 +1,5 @@
-//! A flight-model file worked out from its text in 57 digits, with nothing of the crate: an independent check of
-//! its parser, its graph, its rigid body and its derivatives.
+//! A flight-model file worked out from its text in 57 digits, with nothing of the crate: an independent check
+//! of its parser, its graph, its rigid body and its derivatives.
 
 mod number;
 mod tape;
@@ -15,8 +15,8 @@ pub(crate) const RIGID: [&str; 13] = ["x", "y", "z", "$w", "$x", "$y", "$z", "u"
 /// Names of the body's parameters, in the order of the crate.
 pub(crate) const BODY: [&str; 9] = ["mass", "I_xx", "I_yy", "I_zz", "I_xy", "I_xz", "I_yz", "g", "rho"];
 
-/// The rigid body by rotation matrix and Cramer's rule: `$X` to `$Z` are forces, `$L` to `$N` moments. World z is up,
-/// level z is down.
+/// The rigid body by rotation matrix and Cramer's rule: `$X` to `$Z` are forces, `$L` to `$N` moments. World
+/// z is up, level z is down.
 const RIGID_BODY: [(&str, &str); 43] = [
     ("$n", "$w*$w + $x*$x + $y*$y + $z*$z"),
     ("$11", "($w*$w + $x*$x - $y*$y - $z*$z)/$n"),

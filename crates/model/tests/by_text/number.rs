@@ -234,9 +234,9 @@ impl Op {
         }
     }
 
-    /// How far rounding may turn each derivative of this step: for each operand the size of its factor in the chain
-    /// rule, with what a relative change of the operands by one makes of that factor. `size` is that of the operands'
-    /// values, see [`Op::size`], `at` their values, `own` the value of this step.
+    /// How far rounding may turn each derivative of this step: for each operand the size of its factor in the
+    /// chain rule, with what a relative change of the operands by one makes of that factor. `size` is that of
+    /// the operands' values, see [`Op::size`], `at` their values, `own` the value of this step.
     pub(crate) fn weights(&self, size: &[f64], at: &[f64], own: f64) -> [f64; 2] {
         let relative = |a: usize| size[a] / at[a].abs();
         match self {
