@@ -4,7 +4,7 @@ use crate::chart::{Chart, Curve, Panel, Role, draw};
 use crate::heatmap::{HeatMap, draw_heat_maps};
 use crate::html::{data_address, image};
 use crate::{Figure, ReportError};
-use mavsight_flight::{HelicopterInput, InputSeries};
+use mavsight_flight::InputSeries;
 use mavsight_geometry::{EulerAngles, ImageSize, Isometry3, Vector2, Vector3};
 use mavsight_pose::{
     MapPlane, MotionSample, PoseEstimate, PoseSample, Rig, control_volume, euler_std, precision_map,
@@ -126,38 +126,49 @@ fn png(rgb: Vec<u8>, width: u32, height: u32) -> Result<Vec<u8>, ReportError> {
     Ok(bytes.into_inner())
 }
 
-/// Figure 7: the helicopter's inputs as in the paper, those of another aircraft each in a panel of its own;
-/// none where no input was recorded.
+/// Figure 7: recorded inputs, two neighbours of one unit in a panel; none where no input was recorded.
 pub(crate) fn inputs(recorded: &InputSeries) -> Result<Option<Figure>, ReportError> {
-    let of_helicopter = |name: &String| HelicopterInput::COLUMNS.contains(&name.as_str());
-    let panels = if recorded.names().iter().any(of_helicopter) {
-        helicopter_inputs(&HelicopterInput::series(recorded)?)
-    } else {
-        let panel = |(k, name): (usize, &String)| {
-            let points = recorded.times_s().iter().enumerate().map(|(row, t_s)| (*t_s, recorded.row(row)[k]));
-            Panel { axis: name.clone(), curves: vec![curve("input", Role::Estimate, points)] }
+    let units: Vec<InputUnit> = recorded.names().iter().map(|name| InputUnit::of(name)).collect();
+    let columns: Vec<usize> = (0..units.len()).collect();
+    let alike = columns.chunk_by(|a, b| units[*a] == units[*b]).flat_map(|group| group.chunks(2));
+    let panel = |columns: &[usize]| {
+        let unit = &units[columns[0]];
+        let curves = columns.iter().zip([Role::Estimate, Role::Model]).map(|(k, role)| {
+            // Thinned one by one: an hour's inputs are many.
+            let rows = recorded.times_s().iter().enumerate();
+            let points = rows.map(|(row, t_s)| (*t_s, unit.shown * recorded.row(row)[*k]));
+            curve(recorded.names()[*k].trim_end_matches(unit.ending), role, points)
+        });
+        let names: Vec<&str> =
+            columns.iter().map(|k| recorded.names()[*k].trim_end_matches(unit.ending)).collect();
+        let axis = match unit.name {
+            "" => names.join(", "),
+            name => format!("{}, {name}", names.join(", ")),
         };
-        recorded.names().iter().enumerate().map(panel).collect()
+        Panel { axis, curves: curves.collect() }
     };
+    let panels: Vec<Panel> = alike.map(panel).collect();
     (!panels.is_empty()).then(|| figure("Figure 7: recorded inputs.", panels)).transpose()
 }
 
-fn helicopter_inputs(samples: &[HelicopterInput]) -> Vec<Panel> {
-    // Thinned one by one: an hour's inputs are many.
-    let series = |label: &str, role: Role, f: Of<'_, HelicopterInput>| {
-        curve(label, role, samples.iter().map(|s| (s.t_s, f(s))))
-    };
-    let panel = |axis: &str, upper: Of<'_, HelicopterInput>, lower: Of<'_, _>| Panel {
-        axis: axis.to_owned(),
-        curves: vec![
-            series("upper rotor, longitudinal", Role::Estimate, upper),
-            series("lower rotor, lateral", Role::Model, lower),
-        ],
-    };
-    vec![
-        panel("rotor speed, rad/s", &|s| s.omega_u_rad_s, &|s| s.omega_l_rad_s),
-        panel("swash-plate, °", &|s| s.delta_lon_rad.to_degrees(), &|s| s.delta_lat_rad.to_degrees()),
-    ]
+/// The unit at the end of a column's name, and in what it is shown.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct InputUnit {
+    ending: &'static str,
+    name: &'static str,
+    shown: f64,
+}
+
+impl InputUnit {
+    fn of(column: &str) -> Self {
+        let known = [
+            Self { ending: "_rad_s", name: "rad/s", shown: 1.0 },
+            Self { ending: "_rad", name: "°", shown: 180.0 / std::f64::consts::PI },
+            Self { ending: "_n", name: "N", shown: 1.0 },
+        ];
+        let own = known.into_iter().find(|unit| column.ends_with(unit.ending));
+        own.unwrap_or(Self { ending: "", name: "", shown: 1.0 })
+    }
 }
 
 /// Captions of figures 8 to 11, and what their three panels show.
@@ -277,10 +288,9 @@ mod tests {
         };
         let quadrotor = of(&["motor_1", "motor_2"]).expect("a figure").expect("inputs").markup;
         assert!(quadrotor.contains("motor_1") && quadrotor.contains("motor_2"));
-        assert!(!quadrotor.contains("swash-plate"));
-        let helicopter = of(&HelicopterInput::COLUMNS).expect("a figure").expect("inputs").markup;
-        assert!(helicopter.contains("swash-plate") && helicopter.contains("rotor speed"));
+        let columns = ["omega_u_rad_s", "omega_l_rad_s", "delta_lon_rad", "delta_lat_rad"];
+        let helicopter = of(&columns).expect("a figure").expect("inputs").markup;
+        assert!(helicopter.contains("omega_u, omega_l, rad/s") && helicopter.contains("delta_lon, delta_lat, °"));
         assert!(of(&[]).expect("nothing to draw").is_none());
-        assert!(matches!(of(&["omega_u_rad_s"]), Err(ReportError::Inputs(_))));
     }
 }

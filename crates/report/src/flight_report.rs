@@ -93,21 +93,23 @@ fn summary_tables(summary: &Summary) -> Vec<Table> {
 }
 
 fn vehicle_table(v: &Vehicle) -> Table {
-    let (r, e) = (&v.rotor, &v.environment);
+    let e = &v.environment;
     let inertia = v.inertia_kg_m2.map(|i| i.to_string()).join(", ");
-    let rows = [
+    let body = [
         ("air density ρ", e.air_density_kg_m3.to_string(), "kg/m³"),
         ("gravity g", e.gravity_m_s2.to_string(), "m/s²"),
         ("mass m", v.mass_kg.to_string(), "kg"),
-        ("rotor radius R", r.radius_m.to_string(), "m"),
         ("inertia I_xx, I_yy, I_zz", inertia, "kg m²"),
-        ("thrust coefficient, upper", r.thrust_coefficient_upper.to_string(), ""),
-        ("thrust coefficient, lower", r.thrust_coefficient_lower.to_string(), ""),
-        ("flapping time, lower rotor τ_fl", r.flap_time_lower_s.to_string(), "s"),
-        ("flapping time, fly-bar τ_ff", r.flap_time_flybar_s.to_string(), "s"),
-        ("linkage K_b", r.swashplate_gain.to_string(), ""),
-        ("linkage K_u (not in the paper)", r.flybar_gain.to_string(), ""),
     ];
-    let rows = rows.map(|(name, value, unit)| vec![name.to_owned(), value, unit.to_owned()]);
-    Table::new("Table 2: constants of the vehicle file.", ["constant", "value", "unit"], rows.into())
+    let body = body.map(|(name, value, unit)| vec![name.to_owned(), value, unit.to_owned()]);
+    let of_model = v.parameters.iter().map(|(name, value)| {
+        let p = v.model.parameter(name).map(|k| &v.model.parameters[k]);
+        let text = p.map_or("", |p| p.text.as_str());
+        let unit = p.and_then(|p| p.unit).map_or_else(String::new, |unit| unit.to_string());
+        let name = if text.is_empty() { name.clone() } else { format!("{name}: {text}") };
+        vec![name, value.to_string(), if unit == "1" { String::new() } else { unit }]
+    });
+    let rows = body.into_iter().chain(of_model).collect();
+    let caption = format!("Table 2: constants of the vehicle file; flight model: {}.", v.model.name);
+    Table::new(caption, ["constant", "value", "unit"], rows)
 }

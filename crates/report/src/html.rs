@@ -22,9 +22,6 @@ pub enum ReportError {
     /// What the file system refused.
     #[error(transparent)]
     File(#[from] mavsight_session::SessionError),
-    /// Inputs that lack a column.
-    #[error(transparent)]
-    Inputs(#[from] mavsight_flight::FlightError),
     /// A placement that gives no rig.
     #[error(transparent)]
     Rig(#[from] mavsight_pose::PoseError),

@@ -35,7 +35,7 @@ pub(crate) fn summarise(summary: &mut Summary, results: &RunResults) {
         }
         let mut section = summary.section("parameters");
         for p in fit.parameters.iter().filter(|p| p.identifiable) {
-            let label = format!("{} ({name})", with_unit(p.name));
+            let label = format!("{} ({name})", with_unit(p));
             let shown = format!("{:+.3e} ± {:.1e}", p.value, p.std);
             let value = json!({"value": p.value, "std": p.std});
             section.add(format!("{name}_{}", p.name.replace(',', "_")), label, value, shown);
@@ -93,13 +93,11 @@ fn sentence(c: &Comparison) -> String {
 
 fn held(fits: &FlightFits) -> Option<String> {
     let any = fits.named().next().is_some() && !fits.held.is_empty();
-    let names: Vec<&str> = fits.held.iter().map(|p| p.name()).collect();
     any.then(|| {
         format!(
-            "Output error holds {} at the vehicle file's values: the flight does not move what would determine them, and of \
-             thrusts and torques only the sums C_Z,0 and C_n,0 are seen. To free them, move each rotor's speed by itself and \
-             the lateral swash-plate.",
-            names.join(", ")
+            "Output error holds {} at the values of the vehicle's files: the flight does not move the inputs that would \
+             determine them, each by itself. To free them, fly a manoeuvre that does.",
+            fits.held.join(", ")
         )
     })
 }
@@ -119,9 +117,9 @@ pub(crate) fn tables(results: &RunResults) -> Vec<Table> {
     let show = |p: Option<(f64, f64)>| p.map_or(String::new(), |(v, std)| format!("{v:+.4e} ± {std:.1e}"));
     let names = equations.iter().map(|(_, e)| e.name()).chain(fits.iter().map(|(name, _)| *name));
     let rows = first.parameters.iter().map(|p| {
-        let equations = equations.iter().map(|_| of_equations(p.name));
-        let motion = fits.iter().map(|(_, fit)| fit.parameter(p.name).map(|p| (p.value, p.std)));
-        row(with_unit(p.name), equations.chain(motion).map(show))
+        let equations = equations.iter().map(|_| of_equations(&p.name));
+        let motion = fits.iter().map(|(_, fit)| fit.parameter(&p.name).map(|p| (p.value, p.std)));
+        row(with_unit(p), equations.chain(motion).map(show))
     });
     let caption = "Estimators side by side: value ± standard deviation. Equation error takes the flapping times from the \
                    vehicle file, output error finds them.";

@@ -1,7 +1,7 @@
 //! Tables and words for fitted parameters, whichever estimator found them.
 
 use crate::Table;
-use mavsight_identify::output_error::OutputErrorFit;
+use mavsight_identify::output_error::{FittedParameter, OutputErrorFit};
 use mavsight_identify::{Estimator, Identification, OutputFit};
 use mavsight_session::RunResults;
 
@@ -28,8 +28,8 @@ pub(crate) fn words(name: &str) -> &str {
 }
 
 /// A parameter's name for people: flapping times have a unit that their names do not show.
-pub(crate) fn with_unit(name: &str) -> String {
-    if name.starts_with("tau_") { format!("{name}, s") } else { name.to_owned() }
+pub(crate) fn with_unit(p: &FittedParameter) -> String {
+    if p.unit.is_empty() { p.name.clone() } else { format!("{}, {}", p.name, p.unit) }
 }
 
 /// A table of rows from [`equation_rows`] or [`motion_rows`].
@@ -59,7 +59,7 @@ pub(crate) fn equation_rows(fit: &OutputFit) -> impl Iterator<Item = Vec<String>
 pub(crate) fn motion_rows(fit: &OutputErrorFit) -> impl Iterator<Item = Vec<String>> {
     fit.parameters.iter().map(|p| {
         let verdict = if p.identifiable { "" } else { "hardly determined" };
-        cells(with_unit(p.name), [p.value, p.std, p.ci_low, p.ci_high].map(Some), verdict)
+        cells(with_unit(p), [p.value, p.std, p.ci_low, p.ci_high].map(Some), verdict)
     })
 }
 

@@ -131,6 +131,7 @@ fn assemble(
         FittedParameter {
             parameter: *parameter,
             name: fitter.point.model.name(*parameter).to_owned(),
+            unit: fitter.point.model.unit(*parameter),
             value,
             std,
             bound_std: bound[(k, k)].sqrt(),

@@ -2,7 +2,7 @@
 
 use crate::{IdentifyError, independent_columns};
 use mavsight_flight::{InputSeries, Vehicle};
-use mavsight_model::{Dynamics, Freedom, Model};
+use mavsight_model::{Dynamics, Freedom, Model, Unit};
 use nalgebra::DMatrix;
 use std::sync::Arc;
 
@@ -106,6 +106,15 @@ impl FlightModel {
             ModelParameter::Parameter(k) => &self.model.parameters[k].label,
             ModelParameter::InputLag => LAG,
         }
+    }
+
+    /// The unit of a parameter; empty where it has none, or none is declared.
+    pub fn unit(&self, parameter: ModelParameter) -> String {
+        let unit = match parameter {
+            ModelParameter::Parameter(k) => self.model.parameters[k].unit,
+            ModelParameter::InputLag => return "s".to_owned(),
+        };
+        unit.filter(|unit| *unit != Unit::ONE).map_or_else(String::new, |unit| unit.to_string())
     }
 
     /// The free parameters, in the order of the fit.

@@ -11,6 +11,8 @@ pub struct FittedParameter {
     pub parameter: ModelParameter,
     /// Name of the parameter.
     pub name: String,
+    /// Unit; empty where it has none, or none is declared.
+    pub unit: String,
     /// Estimate.
     pub value: f64,
     /// Standard deviation: the Cramér-Rao bound, or what residuals that are still correlated, or larger at

@@ -244,19 +244,20 @@ fn parameters(results: &RunResults, out: &mut dyn Write) -> io::Result<()> {
         }
     }
     for (estimator, fit) in results.output_error.named() {
-        // Flapping times and the lag are of no output.
-        let names = |name: &'static str| {
-            let (output, parameter) = name.split_once(',').unwrap_or(("", name));
-            [estimator, output, parameter]
-        };
         for p in &fit.parameters {
-            line(names(p.name), [p.value, p.std, p.ci_low, p.ci_high].map(Some), p.identifiable)?;
+            line(names(estimator, &p.name), [p.value, p.std, p.ci_low, p.ci_high].map(Some), p.identifiable)?;
         }
         for parameter in &results.output_error.held {
-            line(names(parameter.name()), [None; 4], false)?;
+            line(names(estimator, parameter), [None; 4], false)?;
         }
     }
     lines.flush()
+}
+
+/// Estimator, output and parameter of a label such as `C_X,alpha_u`; times and the lag are of no output.
+fn names<'a>(estimator: &'a str, label: &'a str) -> [&'a str; 3] {
+    let (output, parameter) = label.split_once(',').unwrap_or(("", label));
+    [estimator, output, parameter]
 }
 
 /// The summary with the schema's version, the session's name, and what the motion table cannot say of itself.
