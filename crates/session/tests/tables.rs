@@ -5,26 +5,23 @@
 mod common;
 
 use common::{Folder, data};
-use mavsight_flight::{HelicopterInput, InputSeries, Vehicle};
+use mavsight_flight::{InputSeries, Vehicle};
+use mavsight_model::Model;
 use mavsight_pipeline::{ControlPointRow, Refinement};
 use mavsight_session::tables::{read_control_pixels, read_control_points, read_inputs, read_inputs_with};
 use mavsight_session::{
     ControlSection, Session, SessionCamera, SessionFile, load_equations, load_vehicle, write_control_points,
-    write_inputs, write_toml,
+    write_inputs, write_toml, write_vehicle,
 };
 use std::path::PathBuf;
 
 const POINTS: &str = "name,x_m,y_m,z_m,diameter_m,color\na,0,0,0,0.06,#c83030\nb,1,0,0,0.06,#2c9030\n";
 
 fn inputs() -> InputSeries {
-    let sample = |k: usize| HelicopterInput {
-        t_s: 0.01 * k as f64,
-        omega_u_rad_s: 214.5 + 0.125 * k as f64,
-        omega_l_rad_s: 214.25,
-        delta_lon_rad: 0.01 * k as f64,
-        delta_lat_rad: -0.5,
-    };
-    HelicopterInput::recorded(&(0..30).map(sample).collect::<Vec<_>>()).unwrap()
+    let names = ["omega_u_rad_s", "omega_l_rad_s", "delta_lon_rad", "delta_lat_rad"].map(str::to_owned);
+    let row = |k: usize| [214.5 + 0.125 * k as f64, 214.25, 0.01 * k as f64, -0.5];
+    let times_s = (0..30).map(|k| 0.01 * k as f64).collect();
+    InputSeries::new(names, times_s, (0..30).flat_map(row).collect()).unwrap()
 }
 
 fn session(folder: &Folder) -> PathBuf {
@@ -104,6 +101,29 @@ fn what_is_written_is_read() {
         assert!(values && (got.times_s()[k] - want.times_s()[k]).abs() < 1e-12);
     }
     assert_eq!(load_vehicle(&folder.path("vehicle.toml")).unwrap(), Vehicle::paper());
+}
+
+#[test]
+fn a_vehicle_is_read_and_written_with_the_model_beside_it() {
+    let folder = Folder::new();
+    let text = "schema = 2\nname = \"sphere\"\n[parameters]\nc = { value = 1 }\n[forces]\nx = \"-c*u\"\n";
+    // A name of the shelf does not make it the shelf's.
+    for name in ["own.toml", "coaxial.toml"] {
+        let model = Model::parse(&format!("../models/{name}"), text).unwrap().into();
+        let parameters = [("c".to_owned(), 0.5)].into();
+        let vehicle = Vehicle { model, parameters, simulation: Default::default(), ..Vehicle::paper() };
+        write_vehicle(&folder.path("own-vehicle.toml"), &vehicle).unwrap();
+        assert_eq!(std::fs::read_to_string(folder.path(name)).unwrap(), text);
+        let read = load_vehicle(&folder.path("own-vehicle.toml")).unwrap();
+        assert_eq!(read, vehicle);
+        assert_eq!(read.model.name, "sphere");
+        std::fs::write(folder.path(name), text.replace("-c*u", "-c*b")).unwrap();
+        let refused = load_vehicle(&folder.path("own-vehicle.toml")).unwrap_err().to_string();
+        assert!(refused.contains(&format!("{name}, line 6, column")), "{refused}");
+        std::fs::remove_file(folder.path(name)).unwrap();
+        let refused = load_vehicle(&folder.path("own-vehicle.toml")).unwrap_err().to_string();
+        assert!(refused.contains(name) && refused.contains("own-vehicle.toml"), "{refused}");
+    }
 }
 
 #[test]

@@ -151,7 +151,7 @@ pub(crate) fn setup<'a>(
         taps: Vec::new(),
         recorder: Default::default(),
         inputs: None,
-        model: None,
+        equations: None,
         enough: 0.05,
         stop: Arc::new(AtomicBool::new(false)),
         for_ns: None,
