@@ -1,7 +1,7 @@
 //! The virtual laboratory: the paper's cameras, control frame and aircraft, filmed.
 
 use mavsight_flight::{Color, Vehicle};
-use mavsight_geometry::{EulerAngles, Isometry3, UnitQuaternion, Vector2, Vector3, world_from_body};
+use mavsight_geometry::{Isometry3, UnitQuaternion, Vector2, Vector3};
 use mavsight_pipeline::ControlPointRow;
 use mavsight_scene::{Aircraft, ControlFrame, Film, Occluders, PaintedBall, Person, Room, Sensor, Veil};
 use mavsight_score::{VirtualCamera, VirtualLab, true_pose};
@@ -204,6 +204,7 @@ fn pose_beyond(end: &FlightState, dt_s: f64) -> Isometry3<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mavsight_geometry::EulerAngles;
 
     #[test]
     fn an_aircraft_comes_from_rest_without_a_jolt() {
