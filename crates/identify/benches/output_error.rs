@@ -12,7 +12,7 @@ use mavsight_identify::output_error::{
 };
 use mavsight_pose::{BodyMarker, CameraControl, MarkerObservation, Rig, calibrate};
 use mavsight_random::Random;
-use mavsight_simulator::{Channel, Maneuver, Scenario, simulate};
+use mavsight_simulator::{Maneuver, Scenario, simulate};
 use nalgebra::Point3;
 use std::hint::black_box;
 
@@ -59,7 +59,7 @@ fn problem() -> (FlightModel, InputSeries, Measurements, Measurements) {
     let vehicle = Vehicle::paper();
     let scenario = Scenario {
         maneuver: vec![Maneuver::Multisine {
-            channel: Channel::DeltaLon,
+            channel: "delta_lon".to_owned(),
             start_s: 0.5,
             length_s: 9.5,
             harmonics: vec![3, 5, 7, 11, 15],
@@ -68,7 +68,8 @@ fn problem() -> (FlightModel, InputSeries, Measurements, Measurements) {
         ..Scenario::paper()
     };
     let inputs = scenario.inputs(&vehicle).expect("inputs");
-    let states = simulate(&vehicle, &inputs, &scenario.start(), &scenario.frame_times_s()).expect("a flight");
+    let start = scenario.start(&vehicle).expect("a start");
+    let states = simulate(&vehicle, &inputs, &start, &scenario.frame_times_s()).expect("a flight");
     assert_eq!(states.len(), 300);
     let model = FlightModel::new(&vehicle, &inputs).and_then(|m| m.with_free(&FREE)).expect("a model");
     let (p, t) = (POSITION_STD_M.powi(2), TURN_STD_RAD.powi(2));

@@ -13,7 +13,7 @@
 #[path = "../tests/flights/aircraft.rs"]
 mod aircraft;
 
-use mavsight_flight::{InputSeries, Vehicle, hover_rotor_speed_rad_s};
+use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::{
     Camera, ControlPoint, ImageSize, Intrinsics, Isometry3, Matrix2, Matrix6, UnitQuaternion, Vector2,
     Vector3, world_from_body,
@@ -29,7 +29,7 @@ use mavsight_pose::{
     BodyMarker, CameraControl, MarkerObservation, PoseEstimator, PoseSample, Rig, calibrate, smooth,
 };
 use mavsight_random::Random;
-use mavsight_simulator::{Channel, FlightState, Maneuver, Scenario, simulate, true_coefficients};
+use mavsight_simulator::{FlightState, Maneuver, Scenario, simulate, true_values};
 use nalgebra::Point3;
 use std::time::Instant;
 
@@ -46,8 +46,8 @@ fn normal3(random: &mut Random) -> Vector3<f64> {
 }
 
 fn scenario() -> Scenario {
-    let sine = |channel, amplitude, harmonics: [u32; 4]| Maneuver::Multisine {
-        channel,
+    let sine = |channel: &str, amplitude, harmonics: [u32; 4]| Maneuver::Multisine {
+        channel: channel.to_owned(),
         start_s: 0.5,
         length_s: 9.5,
         harmonics: harmonics.to_vec(),
@@ -55,10 +55,10 @@ fn scenario() -> Scenario {
     };
     Scenario {
         maneuver: vec![
-            sine(Channel::DeltaLon, 2.5, [3, 7, 11, 15]),
-            sine(Channel::DeltaLat, 2.5, [4, 8, 12, 16]),
-            sine(Channel::OmegaU, 1.0, [5, 9, 13, 17]),
-            sine(Channel::OmegaL, 1.0, [6, 10, 14, 18]),
+            sine("delta_lon", 2.5, [3, 7, 11, 15]),
+            sine("delta_lat", 2.5, [4, 8, 12, 16]),
+            sine("omega_u", 1.0, [5, 9, 13, 17]),
+            sine("omega_l", 1.0, [6, 10, 14, 18]),
         ],
         ..Scenario::paper()
     }
@@ -242,8 +242,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let vehicle = Vehicle::paper();
     let scenario = scenario();
     let inputs: InputSeries = scenario.inputs(&vehicle)?;
-    let states = simulate(&vehicle, &inputs, &scenario.start(), &scenario.frame_times_s())?;
-    let truth = true_coefficients(&vehicle, hover_rotor_speed_rad_s(&vehicle));
+    let states = simulate(&vehicle, &inputs, &scenario.start(&vehicle)?, &scenario.frame_times_s())?;
+    let truth = true_values(&vehicle);
     let rig = rig()?;
     let markers: Vec<BodyMarker> = vehicle
         .marker
@@ -284,10 +284,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         factor += fit.variance_factors.iter().map(|f| f.1).sum::<f64>() / fit.variance_factors.len() as f64;
         for (tally, p) in tallies.iter_mut().zip(&fit.parameters) {
             let true_value = match p.parameter {
-                ModelParameter::Coefficient(c) => truth.get(c),
+                ModelParameter::Parameter(_) => truth[&p.name],
                 ModelParameter::InputLag => 0.0,
             };
-            let by_equations = other.iter().find(|(name, _)| name == p.name).map(|(_, value)| *value);
+            let by_equations = other.iter().find(|(name, _)| *name == p.name).map(|(_, value)| *value);
             tally.add(p, true_value, by_equations);
         }
     }
@@ -299,20 +299,20 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         iterations as f64 / n,
         factor / n
     );
-    print_table(&tallies, model.free(), n);
+    print_table(&tallies, &model, n);
     Ok(())
 }
 
 /// A line for each parameter.
-fn print_table(tallies: &[Tally], parameters: &[ModelParameter], n: f64) {
+fn print_table(tallies: &[Tally], model: &FlightModel, n: f64) {
     println!(
         "{:14} {:>8} {:>10} {:>12} {:>14} {:>16}",
         "parameter", "held", "mean/std", "error/bound", "predicted/got", "error/tls error"
     );
-    for (tally, parameter) in tallies.iter().zip(parameters) {
+    for (tally, parameter) in tallies.iter().zip(model.free()) {
         println!(
             "{:14} {:7.1}% {:10.3} {:12.3} {:14.3} {:>16}",
-            parameter.name(),
+            model.name(*parameter),
             100.0 * tally.held as f64 / n,
             tally.normalised / n,
             (tally.squares / tally.bound).sqrt(),

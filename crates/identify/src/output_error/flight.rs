@@ -304,38 +304,34 @@ mod tests {
     /// the same flight.
     #[test]
     fn what_a_disc_does_is_the_same_by_the_mean_speed_and_by_its_own() {
-        use mavsight_flight::Coefficient;
         let vehicle = Vehicle::paper();
-        let input = |t_s: f64| HelicopterInput {
-            t_s,
-            omega_u_rad_s: 205.0,
-            omega_l_rad_s: 227.0,
-            delta_lon_rad: 0.0,
-            delta_lat_rad: 0.0,
+        let row = [205.0, 227.0, 0.0, 0.0];
+        let names: Vec<String> = vehicle.input_columns().iter().map(|n| (*n).to_owned()).collect();
+        let inputs = InputSeries::new(names, vec![0.0, 1.0], [row, row].concat()).expect("inputs");
+        let model = FlightModel::new(&vehicle, &inputs).expect("a model");
+        let of_model = model.model();
+        let dynamics = mavsight_model::Dynamics::new(of_model, model.values(), &[]);
+        let mut evaluation = dynamics.with(&[]);
+        evaluation.set_inputs(&row);
+        let mut force_n = |flapping: &str, angle_rad: f64| {
+            let mut y = vec![0.0; of_model.state_count()];
+            y[3] = 1.0;
+            let place = of_model.states.iter().position(|s| s.name == flapping).expect("a state");
+            y[mavsight_model::RIGID_STATES + place] = angle_rad;
+            let mut rates = y.clone();
+            evaluation.rates(&y, &mut rates);
+            vehicle.mass_kg * rates[7]
         };
-        let inputs = HelicopterInput::recorded(&[input(0.0), input(1.0)]).expect("inputs");
-        let mut model = FlightModel::new(&vehicle, &inputs).expect("a model");
-        model.coefficients =
-            mavsight_simulator::true_coefficients(&vehicle, model.airframe.reference_speed_rad_s());
-        let force_n = |flapping: usize, angle_rad: f64| {
-            let mut y = [0.0; mavsight_flight::FLIGHT_STATES];
-            (y[3], y[flapping]) = (1.0, angle_rad);
-            vehicle.mass_kg * model.airframe.derivative(&model.coefficients, &input(0.0), &y)[7]
-        };
-        let e = &vehicle.environment;
-        let scale_n = 0.5
-            * e.air_density_kg_m3
-            * std::f64::consts::PI
-            * vehicle.rotor.radius_m.powi(4)
-            * 216_f64.powi(2);
-        let speeds = Speeds::of(&model, &inputs).expect("speeds");
-        for (name, flapping, gain, which) in [
-            ("C_X,alpha_u", 15, vehicle.rotor.flybar_gain, Coefficient::CxAlphaU),
-            ("C_X,alpha_l", 13, 1.0, Coefficient::CxAlphaL),
-        ] {
+        let (e, radius_m) = (&vehicle.environment, vehicle.parameters["R"]);
+        let scale_n = 0.5 * e.air_density_kg_m3 * std::f64::consts::PI * radius_m.powi(4) * 216_f64.powi(2);
+        let ratios = of_model.equation_over_motion(model.values(), [row.as_slice()].into_iter());
+        for (name, flapping, gain) in
+            [("C_X,alpha_u", "alpha_f", vehicle.parameters["K_u"]), ("C_X,alpha_l", "alpha_l", 1.0)]
+        {
             let by_mean = (force_n(flapping, 0.01) - force_n(flapping, -0.01)) / (0.02 * gain * scale_n);
-            let own = model.coefficients.get(which);
-            assert!((by_mean / speeds.equation_over_motion(name) / own - 1.0).abs() < 1e-9, "{name}");
+            let own = model.value(model.parameter(name).expect("a parameter"));
+            let ratio = ratios.iter().find(|(label, _)| label == name).expect("a ratio").1;
+            assert!((by_mean / ratio / own - 1.0).abs() < 1e-9, "{name}");
             assert!((by_mean / own - 1.0).abs() > 0.05, "{name}: the speeds are unlike");
         }
     }

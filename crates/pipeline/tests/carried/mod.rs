@@ -3,7 +3,7 @@
 
 #![allow(dead_code)]
 
-use mavsight_flight::{HelicopterInput, InputSeries};
+use mavsight_flight::InputSeries;
 use mavsight_geometry::{
     Camera, ControlPoint, EulerAngles, ImageSize, Intrinsics, Isometry3, Matrix2, Point3, Vector2, Vector3,
     world_from_body,
@@ -91,15 +91,17 @@ pub(crate) fn instants(
 
 /// Inputs at 100 Hz that move all the while.
 pub(crate) fn inputs(count: usize) -> InputSeries {
-    let samples = (0..=(count as f64 / RATE_HZ * 100.0) as usize + 1).map(|k| {
-        let t_s = k as f64 / 100.0;
-        HelicopterInput {
-            t_s,
-            omega_u_rad_s: 215.0 + 5.0 * (0.9 * t_s).sin(),
-            omega_l_rad_s: 215.0 + 4.0 * (1.3 * t_s).cos(),
-            delta_lon_rad: 0.05 * (2.1 * t_s).sin(),
-            delta_lat_rad: 0.04 * (1.7 * t_s).cos(),
-        }
-    });
-    HelicopterInput::recorded(&samples.collect::<Vec<_>>()).expect("inputs")
+    let times_s: Vec<f64> =
+        (0..=(count as f64 / RATE_HZ * 100.0) as usize + 1).map(|k| k as f64 / 100.0).collect();
+    let row = |t_s: &f64| {
+        [
+            215.0 + 5.0 * (0.9 * t_s).sin(),
+            215.0 + 4.0 * (1.3 * t_s).cos(),
+            0.05 * (2.1 * t_s).sin(),
+            0.04 * (1.7 * t_s).cos(),
+        ]
+    };
+    let values = times_s.iter().flat_map(row).collect();
+    let names = ["omega_u_rad_s", "omega_l_rad_s", "delta_lon_rad", "delta_lat_rad"].map(str::to_owned);
+    InputSeries::new(names, times_s, values).expect("inputs")
 }

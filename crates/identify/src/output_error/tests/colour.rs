@@ -2,16 +2,16 @@ use super::support::{POSITION_STD_M, TURN_STD_RAD, flown, multisine, noisy_poses
 use crate::output_error::{
     Extent, FlightModel, Measurements, ModelParameter, OutputErrorFit, OutputErrorOptions, output_error,
 };
-use mavsight_flight::{HelicopterInput, Vehicle, hover_rotor_speed_rad_s};
+use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::{UnitQuaternion, Vector3};
 use mavsight_random::Random;
-use mavsight_simulator::true_coefficients;
+use mavsight_simulator::true_values;
 
 fn check(fit: &OutputErrorFit, vehicle: &Vehicle, lag_s: f64) {
-    let truth = true_coefficients(vehicle, hover_rotor_speed_rad_s(vehicle));
+    let truth = true_values(vehicle);
     for p in &fit.parameters {
         let true_value = match p.parameter {
-            ModelParameter::Coefficient(c) => truth.get(c),
+            ModelParameter::Parameter(_) => truth[&p.name],
             ModelParameter::InputLag => lag_s,
         };
         let off = (p.value - true_value) / p.std;
@@ -56,16 +56,15 @@ fn inputs_by_another_clock_are_found_and_said() {
     let vehicle = Vehicle::paper();
     let (inputs, states) = flown(&vehicle, &multisine(6.0));
     let lag_s = 0.0173;
-    let early = |s: &HelicopterInput| HelicopterInput { t_s: s.t_s - lag_s, ..*s };
-    let given = HelicopterInput::series(&inputs).expect("all columns");
-    let mut shifted: Vec<HelicopterInput> = given.iter().map(early).collect();
     // The recorder runs on, so that the flight is covered.
-    let last = shifted[shifted.len() - 1];
-    shifted.push(HelicopterInput { t_s: last.t_s + 0.1, ..last });
-    shifted.insert(0, HelicopterInput { t_s: shifted[0].t_s - 0.1, ..shifted[0] });
-    let shifted = HelicopterInput::recorded(&shifted).expect("inputs");
+    let rows = inputs.times_s().len();
+    let held = (0..rows).map(|k| (inputs.times_s()[k] - lag_s, inputs.row(k)));
+    let before = (-lag_s - 0.1, inputs.row(0));
+    let after = (inputs.end_s() - lag_s + 0.1, inputs.row(rows - 1));
+    let (times_s, values): (Vec<f64>, Vec<&[f64]>) = [before].into_iter().chain(held).chain([after]).unzip();
+    let shifted = InputSeries::new(inputs.names(), times_s, values.concat()).expect("inputs");
     let model = FlightModel::new(&vehicle, &shifted).expect("a model");
-    let names: Vec<&str> = model.free().iter().map(|p| p.name()).chain(["input_lag_s"]).collect();
+    let names: Vec<&str> = model.free().iter().map(|p| model.name(*p)).chain(["input_lag_s"]).collect();
     let model = model.clone().with_free(&names).expect("names");
     let measured = Measurements::States(noisy_poses(&states, 1.0, &mut Random::new(4, 0)));
     let fit = output_error(&model, &shifted, &measured, &OutputErrorOptions::default()).expect("a fit");

@@ -1,13 +1,13 @@
 use super::support::{flown, multisine, noisy_poses, pose, pose_covariance};
 use crate::output_error::{
     FlightFitOptions, FlightFits, FlightModel, ImageMeasurements, Images, InputClock, Measurements,
-    ModelParameter, OutputErrorOptions, Prediction, output_error, predict_poses,
+    OutputErrorOptions, Prediction, output_error, predict_poses,
 };
-use mavsight_flight::{Vehicle, hover_rotor_speed_rad_s};
+use mavsight_flight::Vehicle;
 use mavsight_geometry::{Camera, ControlPoint, ImageSize, Intrinsics, Matrix2, Vector2, Vector3};
 use mavsight_pose::{BodyMarker, CameraControl, MarkerObservation, PoseEstimate, PoseSample, Rig, calibrate};
 use mavsight_random::Random;
-use mavsight_simulator::{FlightState, Scenario, true_coefficients};
+use mavsight_simulator::{FlightState, Scenario, true_values};
 use nalgebra::Point3;
 
 const KNOWN: FlightFitOptions = FlightFitOptions { clock: InputClock::Known, held_out_s: None };
@@ -77,7 +77,7 @@ fn seen(
 fn pixels_give_the_truth_within_their_intervals() {
     let vehicle = Vehicle::paper();
     let (inputs, states) = flown(&vehicle, &multisine(5.0));
-    let truth = true_coefficients(&vehicle, hover_rotor_speed_rad_s(&vehicle));
+    let truth = true_values(&vehicle);
     let (rig, markers) = (rig(), markers(&vehicle));
     let mut random = Random::new(8, 0);
     let shifts: Vec<Vector2<f64>> =
@@ -92,8 +92,8 @@ fn pixels_give_the_truth_within_their_intervals() {
     let fit = output_error(&model, &inputs, &measured, &OutputErrorOptions::default()).expect("a fit");
     println!("{} iterations, {:?} lag {}", fit.iterations, fit.variance_factors, fit.correlated_instants);
     for p in &fit.parameters {
-        let ModelParameter::Coefficient(c) = p.parameter else { continue };
-        let off = (p.value - truth.get(c)) / p.std;
+        let Some(truth) = truth.get(&p.name) else { continue };
+        let off = (p.value - truth) / p.std;
         println!("{:12} {:+.5e} ± {:.1e} {off:+.2}", p.name, p.value, p.std);
         assert!(
             off.abs() < 3.5,
@@ -193,8 +193,7 @@ fn what_constant_rotor_speeds_do_not_determine_is_held_and_named() {
     let fits =
         FlightFits::of_flight(&vehicle, &inputs, &samples(&states, &mut Random::new(3, 0)), None, &KNOWN)
             .expect("fits");
-    let held: Vec<&str> = fits.held.iter().map(|p| p.name()).collect();
-    assert_eq!(held, ["C_l,p", "C_Z,u", "C_Z,l", "C_n,u", "C_n,l", "C_n,r"]);
+    assert_eq!(fits.held, ["C_l,p", "C_Z,u", "C_Z,l", "C_n,u", "C_n,l", "C_n,r"]);
     assert!(fits.image.is_none() && fits.comparisons(None).is_empty());
     let nothing = FlightFits::of_flight(&vehicle, &inputs, &[], None, &KNOWN).expect("refused, not wrong");
     assert!(nothing.poses.is_none() && nothing.refusals.len() == 1, "{:?}", nothing.refusals);

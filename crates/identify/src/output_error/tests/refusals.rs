@@ -1,7 +1,7 @@
 use super::support::{flown, multisine, noisy_poses};
 use crate::IdentifyError;
 use crate::output_error::{FlightModel, Measurements, OutputErrorOptions, output_error};
-use mavsight_flight::{FlightError, HelicopterInput, InputSeries, Vehicle};
+use mavsight_flight::{FlightError, InputSeries, Vehicle};
 use mavsight_random::Random;
 use mavsight_simulator::Scenario;
 
@@ -40,9 +40,9 @@ fn a_linkage_and_the_gains_behind_it_are_refused() {
 #[test]
 fn inputs_that_end_early_are_refused() {
     let (vehicle, inputs, measured) = paper();
-    let mut short = HelicopterInput::series(&inputs).expect("all columns");
-    short.retain(|s| s.t_s < 3.0);
-    let short = HelicopterInput::recorded(&short).expect("inputs");
+    let kept = inputs.times_s().iter().filter(|t_s| **t_s < 3.0).count();
+    let values = (0..kept).flat_map(|k| inputs.row(k).to_vec()).collect();
+    let short = InputSeries::new(inputs.names(), inputs.times_s()[..kept].to_vec(), values).expect("inputs");
     let model = FlightModel::new(&vehicle, &inputs).expect("a model");
     let refused = output_error(&model, &short, &measured, &OutputErrorOptions::default());
     assert!(
@@ -84,7 +84,7 @@ fn bad_models_are_named() {
     assert!(matches!(unknown, Err(IdentifyError::UnknownParameter { name, .. }) if name == "C_X,beta"));
     let negative = model.clone().with_value("tau_l", -0.1);
     assert!(
-        matches!(negative, Err(IdentifyError::BadSetting { what: "tau_l", value: -0.1, .. })),
+        matches!(negative, Err(IdentifyError::BadParameter { ref name, value: -0.1, .. }) if name == "tau_l"),
         "{negative:?}"
     );
     let nothing = model.with_free(&[]).expect("no names");

@@ -4,7 +4,7 @@ use crate::output_error::StateMeasurement;
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::{Isometry3, Matrix6, UnitQuaternion, Vector3, world_from_body};
 use mavsight_random::Random;
-use mavsight_simulator::{Channel, FlightState, Maneuver, Scenario, simulate};
+use mavsight_simulator::{FlightState, Maneuver, Scenario, simulate};
 
 pub(crate) fn normal3(random: &mut Random) -> Vector3<f64> {
     Vector3::new(random.normal(), random.normal(), random.normal())
@@ -12,8 +12,8 @@ pub(crate) fn normal3(random: &mut Random) -> Vector3<f64> {
 
 /// A multisine on both swash-plate axes and both rotor speeds: odd harmonics each to their own.
 pub(crate) fn multisine(duration_s: f64) -> Scenario {
-    let sine = |channel, amplitude, harmonics: [u32; 4]| Maneuver::Multisine {
-        channel,
+    let sine = |channel: &str, amplitude, harmonics: [u32; 4]| Maneuver::Multisine {
+        channel: channel.to_owned(),
         start_s: 0.5,
         length_s: duration_s - 0.5,
         harmonics: harmonics.to_vec(),
@@ -22,10 +22,10 @@ pub(crate) fn multisine(duration_s: f64) -> Scenario {
     Scenario {
         duration_s,
         maneuver: vec![
-            sine(Channel::DeltaLon, 2.5, [3, 7, 11, 15]),
-            sine(Channel::DeltaLat, 2.5, [4, 8, 12, 16]),
-            sine(Channel::OmegaU, 1.0, [5, 9, 13, 17]),
-            sine(Channel::OmegaL, 1.0, [6, 10, 14, 18]),
+            sine("delta_lon", 2.5, [3, 7, 11, 15]),
+            sine("delta_lat", 2.5, [4, 8, 12, 16]),
+            sine("omega_u", 1.0, [5, 9, 13, 17]),
+            sine("omega_l", 1.0, [6, 10, 14, 18]),
         ],
         ..Scenario::paper()
     }
@@ -33,7 +33,8 @@ pub(crate) fn multisine(duration_s: f64) -> Scenario {
 
 pub(crate) fn flown(vehicle: &Vehicle, scenario: &Scenario) -> (InputSeries, Vec<FlightState>) {
     let inputs = scenario.inputs(vehicle).expect("inputs");
-    let states = simulate(vehicle, &inputs, &scenario.start(), &scenario.frame_times_s()).expect("a flight");
+    let start = scenario.start(vehicle).expect("a start");
+    let states = simulate(vehicle, &inputs, &start, &scenario.frame_times_s()).expect("a flight");
     (inputs, states)
 }
 

@@ -2,13 +2,12 @@
 
 use crate::output_error::measure::{Measurements, StateMeasurement};
 use crate::output_error::row::pose_of;
-use mavsight_flight::StateVector;
 use mavsight_geometry::{Isometry3, Matrix6, UnitQuaternion};
 use mavsight_pose::{PoseEstimate, PoseSample};
 use nalgebra::{Matrix6xX, Vector6};
 
-fn level() -> StateVector {
-    let mut y: StateVector = [0.0; mavsight_flight::FLIGHT_STATES];
+fn level() -> [f64; 13] {
+    let mut y = [0.0; 13];
     y[3] = 1.0;
     y
 }

@@ -1,50 +1,55 @@
 use super::support::{flown, multisine, noisy_poses};
 use crate::output_error::{
-    FlightModel, Measurements, ModelParameter, OutputErrorFit, OutputErrorOptions, StateMeasurement,
-    output_error,
+    FlightModel, Measurements, OutputErrorFit, OutputErrorOptions, StateMeasurement, output_error,
 };
-use mavsight_flight::{HelicopterInput, InputSeries, Vehicle, hover_rotor_speed_rad_s};
+use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::{Isometry3, UnitQuaternion};
 use mavsight_pose::{PoseEstimate, PoseSample};
 use mavsight_random::Random;
-use mavsight_simulator::{FlightState, Scenario, simulate, true_coefficients};
+use mavsight_simulator::{FlightState, Scenario, simulate, true_values};
 use nalgebra::{DVector, Matrix6xX};
 
 /// Rotors below the centre of gravity: the fly-bar, which keeps the upper disc level, drives every tilt
 /// further.
 fn unstable() -> Vehicle {
     let mut vehicle = Vehicle::paper();
-    vehicle.assumption.height_upper_m = -0.06;
+    // C_m,alpha_u = 2 C_Tu h_u/R for a hub 6 cm below the centre of gravity.
+    let arm = 2.0 * vehicle.parameters["C_Tu"] * -0.06 / vehicle.parameters["R"];
+    vehicle.simulation.insert("C_m_alpha_u".to_owned(), arm);
     vehicle
 }
 
 /// A flight that a pilot, who sees tilt and turn, keeps in the air; his swash-plate is recorded.
 fn piloted(vehicle: &Vehicle, scenario: &Scenario, roll_rad: f64) -> (InputSeries, Vec<FlightState>) {
     let (plan, _) = flown(&Vehicle::paper(), scenario);
-    let mut at = scenario.start();
+    let mut at = scenario.start(vehicle).expect("a start");
     at.attitude.phi_rad = roll_rad;
-    let (mut samples, mut states) = (Vec::<HelicopterInput>::new(), Vec::new());
-    let planned = HelicopterInput::series(&plan).expect("all columns");
-    for (k, mut now) in planned.into_iter().enumerate() {
+    let (mut flown, mut states) = (Vec::new(), Vec::new());
+    for (k, t_s) in plan.times_s().iter().enumerate() {
         let (e, w) = (at.attitude, at.rates_rad_s);
-        now.delta_lon_rad += (-2.0 * e.theta_rad - 0.4 * w.y).clamp(-0.3, 0.3);
-        now.delta_lat_rad += (-2.0 * e.phi_rad - 0.4 * w.x).clamp(-0.3, 0.3);
-        samples.push(now);
-        let next_s = (k + 1) as f64 * 0.01;
-        let hold = HelicopterInput::recorded(&[now, HelicopterInput { t_s: next_s, ..now }]).expect("inputs");
-        let two = simulate(vehicle, &hold, &at, &[now.t_s, next_s]).expect("a flight");
-        states.push(two[0]);
-        at = two[1].as_start();
+        let mut now = plan.row(k).to_vec();
+        now[2] += f64::clamp(-2.0 * e.theta_rad - 0.4 * w.y, -0.3, 0.3);
+        now[3] += f64::clamp(-2.0 * e.phi_rad - 0.4 * w.x, -0.3, 0.3);
+        let times_s = [*t_s, (k + 1) as f64 * 0.01];
+        let held = [now.as_slice(), now.as_slice()].concat();
+        let hold = InputSeries::new(plan.names(), times_s.to_vec(), held).expect("inputs");
+        let [first, second] = &simulate(vehicle, &hold, &at, &times_s).expect("a flight")[..] else {
+            panic!()
+        };
+        states.push(first.clone());
+        at = second.as_start();
+        flown.extend(now);
     }
-    (HelicopterInput::recorded(&samples).expect("inputs"), states.into_iter().step_by(4).collect())
+    let inputs = InputSeries::new(plan.names(), plan.times_s().to_vec(), flown).expect("inputs");
+    (inputs, states.into_iter().step_by(4).collect())
 }
 
 fn holds_the_truth(fit: &OutputErrorFit, vehicle: &Vehicle) {
-    let truth = true_coefficients(vehicle, hover_rotor_speed_rad_s(vehicle));
+    let truth = true_values(vehicle);
     for p in &fit.parameters {
         // Where rotors stand, C_Z,0 and C_n,0 are free beside the thrusts and torques of the vehicle: zero.
-        let ModelParameter::Coefficient(c) = p.parameter else { continue };
-        let off = (p.value - truth.get(c)) / p.std;
+        let Some(truth) = truth.get(&p.name) else { continue };
+        let off = (p.value - truth) / p.std;
         assert!(off.abs() < 3.0, "{}: {:.4e} ± {:.1e} is {off:.1} away", p.name, p.value, p.std);
     }
 }

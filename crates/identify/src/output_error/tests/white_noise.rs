@@ -1,14 +1,14 @@
 use super::support::{flown, multisine, noisy_poses};
-use crate::output_error::{FlightModel, Measurements, ModelParameter, OutputErrorOptions, output_error};
-use mavsight_flight::{Vehicle, hover_rotor_speed_rad_s};
+use crate::output_error::{FlightModel, Measurements, OutputErrorOptions, output_error};
+use mavsight_flight::Vehicle;
 use mavsight_random::Random;
-use mavsight_simulator::true_coefficients;
+use mavsight_simulator::true_values;
 
 #[test]
 fn poses_with_white_noise_give_the_truth_within_their_intervals() {
     let vehicle = Vehicle::paper();
     let (inputs, states) = flown(&vehicle, &multisine(6.0));
-    let truth = true_coefficients(&vehicle, hover_rotor_speed_rad_s(&vehicle));
+    let truth = true_values(&vehicle);
     let model = FlightModel::new(&vehicle, &inputs).expect("a model");
     let mut random = Random::new(5, 0);
     let measured = Measurements::States(noisy_poses(&states, 1.0, &mut random));
@@ -19,8 +19,8 @@ fn poses_with_white_noise_give_the_truth_within_their_intervals() {
         assert!((0.65..1.35).contains(factor), "{name}: {factor}");
     }
     for p in &fit.parameters {
-        let ModelParameter::Coefficient(c) = p.parameter else { continue };
-        let off = (p.value - truth.get(c)) / p.std;
+        let Some(truth) = truth.get(&p.name) else { continue };
+        let off = (p.value - truth) / p.std;
         assert!(
             off.abs() < 3.5,
             "{}: {:.4e} ± {:.1e} is {off:.1} standard deviations off",
