@@ -20,13 +20,14 @@ delta = {}
 tau = { value = 0.1 }
 tau_d = { value = 0.05 }
 k = { value = 2 }
+e = { value = 0.25 }
 [definitions]
 disc = "0.5*alpha"
 force = "-k*omega^2"
 [states]
 omega = { derivative = "(command - omega)/tau", initial = "command" }
 servo = { derivative = "(delta - servo)/tau" }
-alpha = { derivative = "(3*servo - alpha)/tau_d - 2*q + 0.5*p + 0.25*w", initial = "3*delta" }
+alpha = { derivative = "(3*servo - alpha)/tau_d - 2*q + 0.5*p + e*w", initial = "3*delta" }
 stiff = { derivative = "-omega*stiff - q" }
 climbing = { derivative = "-climbing + x" }
 curved = { derivative = "-curved - q*abs(q)" }
