@@ -187,3 +187,34 @@ fn what_cannot_be_flown_is_refused() {
     let plan = flights.predict(&Scenario { maneuver: vec![step], ..Scenario::paper() }, false);
     assert!(plan.is_err() || plan.is_ok_and(|p| p.used <= 1.0));
 }
+
+/// A model of another aircraft: its doublet is as large as the first limit allows, which of an input without
+/// trim and angle is the range in the model's file.
+#[test]
+fn a_manoeuvre_of_another_model_is_as_large_as_its_input_allows() {
+    let model = |unit: &str, trim: f64| {
+        let text = format!(
+            "schema = 2\nname = \"hovers\"\n[inputs]\npush = {{ unit = \"{unit}\", min = -0.5, max = 1, trim = {trim} }}\n\
+             [parameters]\nc = {{ value = 0.02, free = true }}\nd = {{ value = 0.1, free = true }}\n\
+             [forces]\nz = \"-mass*g - d*w\"\n[moments]\ny = \"c*(push - {trim}) - d*q\"\n"
+        );
+        let model = mavsight_model::Model::parse("hovers.toml", &text).expect("a model").into();
+        let (parameters, simulation) = Default::default();
+        Vehicle { model, parameters, simulation, ..Vehicle::paper() }
+    };
+    let planner = planner();
+    let rig = planner.pair(0, CameraPair { angle_deg: 90.0, distance_m: 6.36 });
+    let wide = FlightLimits { tilt_deg: 85.0, ..limits() };
+    let doublet = Maneuver::Doublet { channel: "push".into(), start_s: 0.5, pulse_s: 0.2, amplitude: 0.01 };
+    let base = Scenario { duration_s: 1.2, maneuver: vec![doublet], ..Scenario::paper() };
+    for (unit, trim, largest) in [("rad", 0.0, 5.0_f64.to_radians()), ("1", 0.4, 0.02), ("N", 0.0, 0.5)] {
+        let vehicle = model(unit, trim);
+        let flights = FlightPlanner::new(&planner, &rig, &vehicle, wide.clone()).expect("a rig");
+        let plan = flights.predict(&base, true).expect("a plan");
+        let moved = (0..plan.inputs.times_s().len()).map(|k| (plan.inputs.row(k)[0] - trim).abs());
+        let most = moved.fold(0.0, f64::max);
+        assert!((0.95..=1.0).contains(&(most / largest)), "{unit}: {most} of {largest}");
+        let names: Vec<&str> = plan.fit.parameters.iter().map(|p| p.name.as_str()).collect();
+        assert_eq!(names, ["c", "d"]);
+    }
+}

@@ -1,8 +1,11 @@
 //! The 95 % intervals hold the truth in virtual laboratories: a small sample of what `mavsight selftest`
 //! prints.
 
+use mavsight_flight::Vehicle;
+use mavsight_model::Model;
 use mavsight_random::Random;
 use mavsight_score::{ScoreError, Tally, VirtualLab};
+use std::collections::BTreeMap;
 
 /// What some flights show.
 fn tally(lab: &VirtualLab, flights: u64) -> Tally {
@@ -75,6 +78,21 @@ fn a_session_is_flown_with_what_was_seen_in_it() {
     assert!((lab.middle_m - paper.middle_m).norm() < 1e-9);
     let lost = lab.observations.iter().map(|s| s.lost_share).sum::<f64>() / 8.0;
     assert!((lost - 0.05 - 8.0 / 180.0).abs() < 0.03, "{lost}");
+}
+
+/// Whatever the aircraft: what it does in a room by itself is not known, so it is carried.
+#[test]
+fn another_aircraft_is_carried_in_view_and_its_intervals_hold_the_truth() {
+    let model = Model::shelf("quadrotor").expect("of the shelf").into();
+    let vehicle =
+        Vehicle { model, parameters: BTreeMap::new(), simulation: BTreeMap::new(), ..Vehicle::paper() };
+    let lab = VirtualLab { vehicle, ..VirtualLab::paper() };
+    let first = |seed| lab.flight(&mut Random::new(seed, 0)).expect("a flight")[0].clone();
+    assert_eq!(first(1), first(1));
+    assert!((first(1).attitude.theta_rad - first(2).attitude.theta_rad).abs() > 1e-3);
+    for row in &tally(&lab, 6).coverage()[..6] {
+        assert!((0.85..=1.0).contains(&row.share) && (0.4..5.0).contains(&row.nees), "{row:?}");
+    }
 }
 
 #[test]
