@@ -25,7 +25,13 @@ fn said(command: &mut Command, code: i32) -> String {
 
 fn simulate(folder: &Path, code: i32) -> String {
     let mut command = mavsight();
-    command.current_dir(folder).args(["simulate", "--vehicle", "vehicle.toml", "--scenario", "scenario.toml"]);
+    command.current_dir(folder).args([
+        "simulate",
+        "--vehicle",
+        "vehicle.toml",
+        "--scenario",
+        "scenario.toml",
+    ]);
     said(command.args(["--out", "flight"]), code)
 }
 
@@ -47,7 +53,10 @@ fn captured(truth: &str, seed: u64) -> String {
 /// Code blocks of the page, in its order.
 fn blocks() -> Vec<String> {
     let page = read(&docs().join("models.md"));
-    page.split("```text\n").skip(1).map(|rest| rest.split("```").next().expect("a block").to_owned()).collect()
+    page.split("```text\n")
+        .skip(1)
+        .map(|rest| rest.split("```").next().expect("a block").to_owned())
+        .collect()
 }
 
 #[test]

@@ -89,8 +89,8 @@ impl Format {
         let first = head.lines().next().unwrap_or("");
         let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
         match extension.as_str() {
-            "toml" if has("[[marker]]") && has("mass_kg") => Some(Self::Vehicle),
-            "toml" if has("[[output]]") => Some(Self::Equations),
+            "toml" if has("mass_kg") && has("inertia_kg_m2") => Some(Self::Vehicle),
+            "toml" if has("measured") && has("regressors") => Some(Self::Equations),
             "yaml" | "yml" if has("opencv-matrix") => Some(Self::Opencv),
             "yaml" | "yml" if has("camera_model") && has("cam0") => Some(Self::Kalibr),
             "yaml" | "yml" if has("distortion_model") && has("camera_matrix") => Some(Self::Ros),
