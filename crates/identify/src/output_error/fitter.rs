@@ -153,11 +153,6 @@ impl<'a> Fitter<'a> {
         Ok(Linear::new(&self.at, &self.condensed(tightness, 0.0)?))
     }
 
-    pub(super) fn not_converged(&self, tightness: f64) -> IdentifyError {
-        let (iterations, promise) = (self.iterations, self.promise);
-        IdentifyError::FitNotConverged { iterations, squares: self.at.merit(tightness), promise }
-    }
-
     pub(crate) fn free(&self) -> &[ModelParameter] {
         self.point.model.free()
     }

@@ -213,6 +213,13 @@ impl FlightModel {
         }
     }
 
+    /// Whether a parameter lies at a bound.
+    pub(crate) fn is_at_bound(&self, parameter: ModelParameter) -> bool {
+        let ModelParameter::Parameter(k) = parameter else { return false };
+        let (value, p) = (self.values[k], &self.model.parameters[k]);
+        value <= p.min || value >= p.max
+    }
+
     /// Whether all free parameters are finite and within their bounds.
     pub(crate) fn is_physical(&self) -> bool {
         self.free.iter().all(|p| self.is_within_bounds(*p))
