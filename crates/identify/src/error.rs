@@ -26,7 +26,7 @@ pub enum IdentifyError {
     /// Inputs that do not cover the flight, or vehicle constants that make no sense.
     #[error(transparent)]
     Flight(#[from] mavsight_flight::FlightError),
-    /// A state that follows rates cannot be integrated over times without them.
+    /// A state that follows the motion cannot be integrated over times without it.
     #[error(
         "the motion has nothing between {from_s:.3} s and {to_s:.3} s, over which {state} cannot be integrated: give poses with an empty row for each instant that was not measured, or fit the parts one by one"
     )]

@@ -20,6 +20,7 @@ mod model;
 mod noise;
 mod orthogonal;
 pub mod output_error;
+mod passed;
 mod recursive;
 mod regression;
 mod regressors;

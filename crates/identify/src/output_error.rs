@@ -41,7 +41,7 @@ pub use measure::{Measurements, StateMeasurement};
 pub use model::{FlightModel, ModelParameter};
 pub use options::{InitialStates, NoiseModel, OutputErrorOptions};
 pub use prediction::predict_poses;
-pub use result::{Extent, FittedParameter, OutputErrorFit, Prediction, SystematicErrors};
+pub use result::{DerivedQuantity, Extent, FittedParameter, OutputErrorFit, Prediction, SystematicErrors};
 
 #[cfg(test)]
 mod tests;

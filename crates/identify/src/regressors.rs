@@ -5,7 +5,8 @@ use crate::inverse::log_determinant;
 use crate::lowpass::{lowpass_at, median};
 use crate::model::{self, EquationFile, Equations};
 use crate::noise::{Bands, SignalErrors, Source, SourceVariance, Term, Transfer};
-use crate::signals::{Flight, Passed, Signal, scale_terms};
+use crate::passed::Passed;
+use crate::signals::{Flight, Signal, scale_terms};
 use crate::table::{CoefficientTable, Column, Fixed, Output};
 use crate::{Correlation, IdentifyError, least_squares};
 use mavsight_flight::{InputSeries, Vehicle};
@@ -194,7 +195,7 @@ impl Draft {
         let passed = equation
             .regressors
             .iter()
-            .fold(Passed::by_measured(equation.measured), |all, r| all.and(Passed::by_regressor(r)));
+            .fold(Passed::by_measured(equation.measured), |all, r| all.and(flight.passed_by(r)));
         let mut output = flight.measured(equation.measured, passed);
         if equation.scale.constant() != Some(1.0) {
             let scale = flight.scale(equation, passed)?;
@@ -283,7 +284,7 @@ impl Draft {
     }
 }
 
-/// What an error of the turn at the first time does to states that follow rates, which are integrated from
+/// What an error of the pose at the first time does to states that follow the motion, which are integrated from
 /// there: it fades with the state's time.
 fn start_errors(flight: &Flight<'_>, signals: &[&[Term]]) -> Vec<DMatrix<f64>> {
     let mut out = Vec::new();
@@ -294,15 +295,15 @@ fn start_errors(flight: &Flight<'_>, signals: &[&[Term]]) -> Vec<DMatrix<f64>> {
     // Behind so many times of the slowest state less than 1e-13 of it is left.
     let gone_s = flight.t_s[0] + 30.0 * slowest_s.fold(0.0, f64::max);
     let rows = flight.t_s.partition_point(|t_s| *t_s <= gone_s);
-    for axis in 0..3 {
-        let std_rad = flight.start_turn_std_rad(axis);
+    for source in Source::all() {
+        let std = flight.start_std(source);
         let mut effect = DMatrix::zeros(rows, signals.len());
         for (j, terms) in signals.iter().enumerate() {
-            for term in terms.iter().filter(|t| t.source == Source::Turn(axis)) {
+            for term in terms.iter().filter(|t| t.source == source) {
                 let Transfer::Washout { time_s } = term.transfer else { continue };
                 for (row, t_s) in flight.t_s[..rows].iter().enumerate() {
                     let fading = (-(t_s - flight.t_s[0]) / time_s).exp();
-                    effect[(row, j)] -= std_rad * term.gains[row] * fading;
+                    effect[(row, j)] -= std * term.gains[row] * fading;
                 }
             }
         }

@@ -5,6 +5,7 @@ use crate::further::{Further, between};
 use crate::lowpass::{lowpass_at, means_of_held, median, read};
 use crate::model::Equations;
 use crate::noise::{Source, Term, Transfer};
+use crate::passed::Passed;
 use mavsight_flight::response::{self, Between};
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::Vector3;
@@ -54,41 +55,6 @@ struct What<'a> {
     regressor: &'a str,
 }
 
-/// Which of the smoother's low-passes a signal has passed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(crate) struct Passed {
-    pub(crate) translation: bool,
-    pub(crate) rotation: bool,
-}
-
-impl Passed {
-    pub(crate) const TRANSLATION: Self = Self { translation: true, rotation: false };
-    pub(crate) const ROTATION: Self = Self { translation: false, rotation: true };
-
-    pub(crate) fn and(self, other: Self) -> Self {
-        Self { translation: self.translation || other.translation, rotation: self.rotation || other.rotation }
-    }
-
-    /// What the measured side passes: a specific force is an acceleration and the weight, which the attitude
-    /// tips.
-    pub(crate) fn by_measured(measured: Axis) -> Self {
-        match measured {
-            Axis::Moment(_) => Self::ROTATION,
-            Axis::Force(_) => Self::TRANSLATION.and(Self::ROTATION),
-        }
-    }
-
-    /// What a regressor has passed before anything is done to it.
-    pub(crate) fn by_regressor(regressor: &Regressor) -> Self {
-        let mut passed = Self::default();
-        for motion in &regressor.motion {
-            passed.translation |= motion.velocity != [0.0; 3];
-            passed.rotation |= motion.rates != [0.0; 3] || !motion.states.is_empty();
-        }
-        passed
-    }
-}
-
 pub(crate) struct Flight<'a> {
     pub(crate) t_s: Vec<f64>,
     pub(crate) motion: &'a Motion,
@@ -113,6 +79,11 @@ impl<'a> Flight<'a> {
         }
         let further = Further::new(inputs, equations)?;
         Ok(Self { t_s, motion, inputs, vehicle, equations, further })
+    }
+
+    /// What a regressor has passed before anything is done to it.
+    pub(crate) fn passed_by(&self, regressor: &Regressor) -> Passed {
+        Passed::by_regressor(regressor, &self.equations.regression.states)
     }
 
     /// Names of the inputs that drive a regressor.
@@ -144,12 +115,16 @@ impl<'a> Flight<'a> {
         self.t_s.windows(2).filter(move |w| w[1] - w[0] > longest_s).map(|w| (w[0], w[1]))
     }
 
-    /// The standard deviation of the turn about a body axis at the first time, without systematic errors:
-    /// those are what the variances of all times have beyond [`Flight::variance`].
-    pub(crate) fn start_turn_std_rad(&self, axis: usize) -> f64 {
-        let turns = self.of(|s| s.covariance.variance(3 + axis));
-        let beyond = turns.iter().zip(self.variances(Source::Turn(axis))).map(|(all, own)| all - own);
-        (turns[0] - median(beyond.collect()).max(0.0)).max(0.0).sqrt()
+    /// The standard deviation of a source's errors at the first time, without systematic errors: those are
+    /// what the variances of all times have beyond [`Flight::variances`]. That of a position is the mean of
+    /// all axes.
+    pub(crate) fn start_std(&self, source: Source) -> f64 {
+        let all = match source {
+            Source::Turn(axis) => self.of(|s| s.covariance.variance(3 + axis)),
+            Source::Position(_) => self.of(|s| (0..3).map(|k| s.covariance.variance(k)).sum::<f64>() / 3.0),
+        };
+        let beyond = all.iter().zip(self.variances(source)).map(|(all, own)| all - own);
+        (all[0] - median(beyond.collect()).max(0.0)).max(0.0).sqrt()
     }
 
     /// What is measured, newtons or newton metres.
@@ -257,7 +232,7 @@ impl<'a> Flight<'a> {
             let Some(response) = self.equations.regression.states.iter().find(|s| s.state == *state) else {
                 continue;
             };
-            out.add(self.driven_by_rates(response, *factor, passed)?);
+            out.add(self.driven_by_motion(response, *factor, passed)?);
             let driven = self.further.series(*state).iter().map(|x| factor * x).collect();
             let values = self.onto_frames(&[Series { values: driven, between: Between::Line }], passed)?;
             out.add(Signal { values, terms: Vec::new() });
@@ -269,31 +244,52 @@ impl<'a> Flight<'a> {
         Ok(out)
     }
 
-    /// What of a state rates drive, times a factor.
-    fn driven_by_rates(
+    /// What of a state the motion drives, times a factor.
+    fn driven_by_motion(
         &self,
-        response: &StateResponse,
+        state: &StateResponse,
         factor: f64,
         passed: Passed,
     ) -> Result<Signal, IdentifyError> {
+        if let Some((from_s, to_s)) = self.gaps_s().next() {
+            return Err(IdentifyError::GapInMotion { state: state.name.clone(), from_s, to_s });
+        }
         let mut out = Signal { values: vec![0.0; self.t_s.len()], terms: Vec::new() };
-        let time_s = response.time_s;
-        for (axis, per_rate) in response.rates.into_iter().enumerate().filter(|(_, b)| *b != 0.0) {
-            let gain = factor * per_rate;
-            // The response to minus the rate.
-            let values = self.response_to_rate(response, axis)?.iter().map(|x| -gain * x).collect();
-            out.add(self.moved(values, Source::Turn(axis), Transfer::Washout { time_s }, gain, passed));
+        let gravity_m_s2 = self.vehicle.environment.gravity_m_s2;
+        for axis in 0..3 {
+            let (by_velocity, by_rate) = (factor * state.velocity[axis], factor * state.rates[axis]);
+            if by_velocity != 0.0 {
+                let velocity = self.of(|s| s.velocity_in_body_m_s[axis]);
+                let slope = self.of(|s| {
+                    let up_in_body = s.world_from_body.rotation.inverse() * Vector3::z();
+                    let turning = s.rates_rad_s.cross(&s.velocity_in_body_m_s);
+                    (s.specific_force_m_s2 - up_in_body * gravity_m_s2 - turning)[axis]
+                });
+                out.add(self.response(state, Source::Position(axis), by_velocity, [velocity, slope], passed));
+            }
+            if by_rate != 0.0 {
+                let rate = self.of(|s| s.rates_rad_s[axis]);
+                let slope = self.of(|s| s.angular_acceleration_rad_s2[axis]);
+                out.add(self.response(state, Source::Turn(axis), by_rate, [rate, slope], passed));
+            }
         }
         Ok(out)
     }
 
-    fn response_to_rate(&self, state: &StateResponse, axis: usize) -> Result<Vec<f64>, IdentifyError> {
-        if let Some((from_s, to_s)) = self.gaps_s().next() {
-            return Err(IdentifyError::GapInMotion { state: state.name.clone(), from_s, to_s });
-        }
-        let rate = self.of(|s| s.rates_rad_s[axis]);
-        let acceleration = self.of(|s| s.angular_acceleration_rad_s2[axis]);
-        Ok(response::from_rate(&self.t_s, &rate, &acceleration, state.time_s))
+    /// The response of a state to a signal, of which there are values and slopes, with a gain.
+    fn response(
+        &self,
+        state: &StateResponse,
+        source: Source,
+        gain: f64,
+        [values, slopes]: [Vec<f64>; 2],
+        passed: Passed,
+    ) -> Signal {
+        let time_s = state.time_s;
+        // The response to minus the signal.
+        let response = response::from_rate(&self.t_s, &values, &slopes, time_s);
+        let values = response.into_iter().map(|x| -gain * x).collect();
+        self.moved(values, source, Transfer::Washout { time_s }, gain, passed)
     }
 
     /// A signal of the inputs, at their times.

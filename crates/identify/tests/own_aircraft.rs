@@ -25,11 +25,13 @@ arm = { value = 0.3 }
 D_w = { value = -0.4, free = true }
 M_q = { value = -0.03, free = true }
 N_r = { value = -0.03 }
+e_w = { value = -0.04 }
+e_u = { value = 0.03 }
 L_p = { value = -0.02 }
 [states]
 w1 = { derivative = "(c1 - w1)/tau", initial = "c1" }
 w2 = { derivative = "(c2 - w2)/tau", initial = "c2" }
-lean = { derivative = "-lean/0.3 + 0.5*q", initial = "0.01" }
+lean = { derivative = "-lean/0.3 + 0.5*q + e_w*w + e_u*u", initial = "0.01" }
 [forces]
 z = "-k*(w1^2 + w2^2) + D_w*w"
 x = "2*lean*k*w1^2"

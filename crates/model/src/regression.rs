@@ -136,8 +136,8 @@ pub struct InputRow<'a> {
     pub states: &'a [f64],
 }
 
-/// A further state x of first order: x' = -x/τ + b·(p, q, r) + f, with f of the inputs and of other states
-/// that inputs alone drive.
+/// A further state x of first order: x' = -x/τ + a·(u, v, w) + b·(p, q, r) + f, with f of the inputs and of
+/// other states that inputs alone drive.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StateResponse {
     /// Its place among the further states.
@@ -146,6 +146,8 @@ pub struct StateResponse {
     pub name: String,
     /// τ.
     pub time_s: f64,
+    /// a.
+    pub velocity: [f64; 3],
     /// b.
     pub rates: [f64; 3],
     /// f.
@@ -157,7 +159,7 @@ pub struct StateResponse {
 impl StateResponse {
     /// Whether inputs alone drive it.
     pub fn is_of_inputs(&self) -> bool {
-        self.rates == [0.0; 3]
+        self.velocity == [0.0; 3] && self.rates == [0.0; 3]
     }
 }
 
@@ -169,7 +171,7 @@ pub struct MotionSignal {
     pub velocity: [f64; 3],
     /// Factors of p, q, r.
     pub rates: [f64; 3],
-    /// Further states that rates drive, and their factors.
+    /// Further states that the motion drives, and their factors.
     pub states: Vec<StateTerm>,
     /// The rest; none where there is none.
     pub inputs: Option<InputSignal>,

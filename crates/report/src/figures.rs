@@ -290,7 +290,9 @@ mod tests {
         assert!(quadrotor.contains("motor_1") && quadrotor.contains("motor_2"));
         let columns = ["omega_u_rad_s", "omega_l_rad_s", "delta_lon_rad", "delta_lat_rad"];
         let helicopter = of(&columns).expect("a figure").expect("inputs").markup;
-        assert!(helicopter.contains("omega_u, omega_l, rad/s") && helicopter.contains("delta_lon, delta_lat, °"));
+        assert!(
+            helicopter.contains("omega_u, omega_l, rad/s") && helicopter.contains("delta_lon, delta_lat, °")
+        );
         assert!(of(&[]).expect("nothing to draw").is_none());
     }
 }

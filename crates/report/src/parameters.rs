@@ -57,10 +57,15 @@ pub(crate) fn equation_rows(fit: &OutputFit) -> impl Iterator<Item = Vec<String>
 }
 
 pub(crate) fn motion_rows(fit: &OutputErrorFit) -> impl Iterator<Item = Vec<String>> {
-    fit.parameters.iter().map(|p| {
+    let parameters = fit.parameters.iter().map(|p| {
         let verdict = if p.identifiable { "" } else { "hardly determined" };
         cells(with_unit(p), [p.value, p.std, p.ci_low, p.ci_high].map(Some), verdict)
-    })
+    });
+    let derived = fit.derived.iter().map(|d| {
+        let name = if d.unit.is_empty() { d.name.clone() } else { format!("{}, {}", d.name, d.unit) };
+        cells(name, [d.value, d.std, d.ci_low, d.ci_high].map(Some), "derived")
+    });
+    parameters.chain(derived)
 }
 
 /// The parameters of all fits as aligned text: value, standard deviation, interval, verdict. Empty where

@@ -8,12 +8,13 @@ use super::fitter::{Fitter, LONGEST_STEP_S, PROMISE, Recorded, TIGHTNESS};
 use super::measure::Measurements;
 use super::model::{FlightModel, ModelParameter};
 use super::options::{NoiseModel, OutputErrorOptions};
-use super::result::{FittedParameter, OutputErrorFit, SystematicErrors};
+use super::result::{DerivedQuantity, FittedParameter, OutputErrorFit, SystematicErrors};
 use super::start::begin;
 use crate::inverse::inverse;
 use crate::{IdentifyError, student_quantile_975};
 use mavsight_flight::InputSeries;
-use nalgebra::DMatrix;
+use mavsight_model::{Derived, Unit};
+use nalgebra::{DMatrix, DVector};
 
 /// The fit ends when the predicted decrease of the squares is below this: a hundredth of a standard
 /// deviation.
@@ -141,6 +142,7 @@ fn assemble(
         }
     };
     let parameters: Vec<FittedParameter> = fitter.free().iter().enumerate().map(fitted).collect();
+    let derived = derived(fitter, &covariance, t);
     let largest_gap_m = fitter.at.gaps().map(|gap| gap.rows(0, 3).norm()).fold(0.0, f64::max);
     let variances = colour.map(|c| c.variances().collect::<Vec<f64>>());
     let factor = |(k, w): (usize, &f64)| w.powi(-2) * variances.as_ref().map_or(1.0, |v| v[k]);
@@ -150,6 +152,7 @@ fn assemble(
     Ok(OutputErrorFit {
         parameters,
         covariance,
+        derived,
         variance_factors: channels.into_iter().zip(factors).collect(),
         systematic,
         correlated_instants: known.lag,
@@ -159,6 +162,23 @@ fn assemble(
         held_out: None,
         notes,
     })
+}
+
+/// Derived quantities with intervals of so many standard deviations, from the covariance of the estimates.
+fn derived(fitter: &Fitter<'_>, covariance: &DMatrix<f64>, t: f64) -> Vec<DerivedQuantity> {
+    let (model, places) = (&fitter.point.model, &fitter.problem.equations.places);
+    let by = fitter.problem.equations.dynamics.free();
+    let values = model.model().derived_values(model.values(), by);
+    let own = covariance.select_rows(places).select_columns(places);
+    let quantity = |(d, (value, slopes)): (&Derived, (f64, Vec<f64>))| {
+        let slopes = DVector::from_vec(slopes);
+        let std = slopes.dot(&(&own * &slopes)).max(0.0).sqrt();
+        let unit = d.unit.filter(|unit| *unit != Unit::ONE).map_or_else(String::new, |unit| unit.to_string());
+        let (ci_low, ci_high) = (value - t * std, value + t * std);
+        DerivedQuantity { name: d.name.clone(), unit, value, std, ci_low, ci_high }
+    };
+    let all = model.model().derived.iter().zip(values).map(quantity);
+    all.filter(|d| d.value.is_finite() && d.std > 0.0 && d.std.is_finite()).collect()
 }
 
 /// The corrected covariance with no variance below its bound.

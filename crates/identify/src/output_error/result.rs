@@ -30,6 +30,23 @@ pub struct FittedParameter {
     pub identifiable: bool,
 }
 
+/// A quantity that the model derives from its parameters, of which at least one was free.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DerivedQuantity {
+    /// Name.
+    pub name: String,
+    /// Unit; empty where it has none, or none is declared.
+    pub unit: String,
+    /// Value at the estimates.
+    pub value: f64,
+    /// Standard deviation: of the estimates, to first order.
+    pub std: f64,
+    /// 95 % interval, from.
+    pub ci_low: f64,
+    /// 95 % interval, to.
+    pub ci_high: f64,
+}
+
 /// Correlated errors of the measurements: part of each channel's variance has the autocorrelation
 /// exp(-|x|/extent), x time or the path of the marker's image, whichever is the more likely.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -65,6 +82,8 @@ pub struct OutputErrorFit {
     pub parameters: Vec<FittedParameter>,
     /// Their covariance, corrected where residuals are still correlated.
     pub covariance: DMatrix<f64>,
+    /// What the model derives from them.
+    pub derived: Vec<DerivedQuantity>,
     /// Each channel (`x`, `turn_y`, `camera 0 red u` ...) with the factor by which its given variances were
     /// multiplied.
     pub variance_factors: Vec<(String, f64)>,

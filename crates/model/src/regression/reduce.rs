@@ -7,11 +7,14 @@ use super::{
 use crate::graph::{Graph, Node, Operation, Variable};
 use crate::model::Model;
 use crate::rigid_body::RIGID_STATES;
+use std::ops::Range;
 
 /// Products within products, at most.
 const DEEPEST: usize = 200;
-const RATES: std::ops::Range<usize> = 10..13;
-const VELOCITY: std::ops::Range<usize> = 7..10;
+const VELOCITY: Range<usize> = 7..10;
+const RATES: Range<usize> = 10..13;
+/// Both.
+const MOTION: Range<usize> = 7..13;
 const NAMES: [&str; RIGID_STATES] = [
     "x",
     "y",
@@ -101,15 +104,10 @@ impl<'a> Reduction<'a> {
         let own = Variable::State(RIGID_STATES + k);
         let slope = self.constant_slope(rate, own).filter(|a| *a < 0.0);
         let slope = slope.ok_or("does not fall back in proportion to itself, by a constant factor")?;
-        let mut rates = [0.0; 3];
-        for (axis, b) in rates.iter_mut().enumerate() {
-            let by = RATES.start + axis;
-            let constant = self.constant_slope(rate, Variable::State(by));
-            *b = constant.ok_or_else(|| format!("does not follow {} by a constant factor", NAMES[by]))?;
-        }
+        let (velocity, rates) = (self.factors_of(rate, VELOCITY)?, self.factors_of(rate, RATES)?);
         let zero = self.graph.constant(0.0);
         let forcing = self.replaced(rate, |v| {
-            let is_moving = v == own || matches!(v, Variable::State(k) if RATES.contains(&k));
+            let is_moving = v == own || matches!(v, Variable::State(k) if MOTION.contains(&k));
             is_moving.then_some(zero)
         });
         let foreign = self.graph.variables(&[forcing]).into_iter().find(|v| !self.is_of_inputs(*v));
@@ -120,10 +118,22 @@ impl<'a> Reduction<'a> {
             state: k,
             name: self.model.states[k].name.clone(),
             time_s: -1.0 / slope,
+            velocity,
             rates,
             forcing: InputSignal::new(&self.graph, forcing),
             initial: InputSignal::new(&self.graph, initial),
         })
+    }
+
+    /// The factors of velocity or rates in a rate of a state.
+    fn factors_of(&mut self, rate: Node, states: Range<usize>) -> Result<[f64; 3], String> {
+        let mut out = [0.0; 3];
+        for (factor, by) in out.iter_mut().zip(states) {
+            let constant = self.constant_slope(rate, Variable::State(by));
+            *factor =
+                constant.ok_or_else(|| format!("does not follow {} by a constant factor", NAMES[by]))?;
+        }
+        Ok(out)
     }
 
     fn name_of(&self, variable: Variable) -> String {

@@ -20,15 +20,16 @@ delta = {}
 tau = { value = 0.1 }
 tau_d = { value = 0.05 }
 k = { value = 2 }
+e = { value = 0.25 }
 [definitions]
 disc = "0.5*alpha"
 force = "-k*omega^2"
 [states]
 omega = { derivative = "(command - omega)/tau", initial = "command" }
 servo = { derivative = "(delta - servo)/tau" }
-alpha = { derivative = "(3*servo - alpha)/tau_d - 2*q + 0.5*p", initial = "3*delta" }
+alpha = { derivative = "(3*servo - alpha)/tau_d - 2*q + 0.5*p + e*w", initial = "3*delta" }
 stiff = { derivative = "-omega*stiff - q" }
-climbing = { derivative = "-climbing + w" }
+climbing = { derivative = "-climbing + x" }
 curved = { derivative = "-curved - q*abs(q)" }
 [forces]
 z = "force + disc + stiff + climbing + curved"
@@ -53,6 +54,7 @@ fn states_of_first_order_are_found_with_their_factors() {
         (alpha.rates, alpha.is_of_inputs(), got.states[0].is_of_inputs()),
         ([0.5, -2.0, 0.0], false, true)
     );
+    assert_eq!(alpha.velocity, [0.0, 0.0, 0.25]);
     assert_eq!(alpha.forcing.states(), [1]);
     let row = InputRow { inputs: &[7.0, 0.1], states: &[0.0, 0.2, 0.0, 0.0, 0.0, 0.0] };
     let at = |signal: &InputSignal| signal.series([row].into_iter())[0];
@@ -82,7 +84,7 @@ fn states_of_first_order_are_found_with_their_factors() {
 fn what_is_no_known_signal_is_refused_by_name() {
     for (regressor, words) in [
         ("stiff", vec!["stiff", "proportion"]),
-        ("climbing", vec!["climbing", "depends on w"]),
+        ("climbing", vec!["climbing", "depends on x"]),
         ("curved*command", vec!["curved", "follow q", "output error"]),
         ("sin(theta)", vec!["attitude", "output error"]),
         ("abs(u)", vec!["not linear in u"]),

@@ -247,6 +247,9 @@ fn parameters(results: &RunResults, out: &mut dyn Write) -> io::Result<()> {
         for p in &fit.parameters {
             line(names(estimator, &p.name), [p.value, p.std, p.ci_low, p.ci_high].map(Some), p.identifiable)?;
         }
+        for d in &fit.derived {
+            line([estimator, "", &d.name], [d.value, d.std, d.ci_low, d.ci_high].map(Some), true)?;
+        }
         for parameter in &results.output_error.held {
             line(names(estimator, parameter), [None; 4], false)?;
         }

@@ -31,3 +31,28 @@ fn poses_with_white_noise_give_the_truth_within_their_intervals() {
         assert!(p.identifiable, "{}", p.name);
     }
 }
+
+/// A sum and a ratio of parameters: the interval of the sum follows from both variances and their covariance.
+#[test]
+fn derived_quantities_have_the_intervals_of_their_parameters() {
+    let mut vehicle = Vehicle::paper();
+    let text = format!(
+        "{}\n[derived]\nthrusts = \"C_Z_u + C_Z_l\"\nscaled = {{ unit = \"s\", value = \"2*tau_l\" }}\nradius = \"R\"\n",
+        vehicle.model.definition
+    );
+    vehicle.model =
+        std::sync::Arc::new(mavsight_model::Model::parse("derived.toml", &text).expect("a model"));
+    let (inputs, states) = flown(&vehicle, &multisine(4.0));
+    let model = FlightModel::new(&vehicle, &inputs).expect("a model");
+    let measured = Measurements::States(noisy_poses(&states, 1.0, &mut Random::new(6, 0)));
+    let fit = output_error(&model, &inputs, &measured, &OutputErrorOptions::default()).expect("a fit");
+    let names: Vec<&str> = fit.derived.iter().map(|d| d.name.as_str()).collect();
+    assert_eq!(names, ["thrusts", "scaled"], "what no free parameter changes is left out");
+    let place = |name: &str| fit.parameters.iter().position(|p| p.name == name).expect("a parameter");
+    let (u, l, tau) = (place("C_Z,u"), place("C_Z,l"), place("tau_l"));
+    let variance = fit.covariance[(u, u)] + fit.covariance[(l, l)] + 2.0 * fit.covariance[(u, l)];
+    let (sum, double) = (&fit.derived[0], &fit.derived[1]);
+    assert!((sum.value - fit.parameters[u].value - fit.parameters[l].value).abs() < 1e-12);
+    assert!((sum.std / variance.sqrt() - 1.0).abs() < 1e-9 && sum.std < 0.1 * fit.parameters[u].std);
+    assert!((double.std / (2.0 * fit.parameters[tau].std) - 1.0).abs() < 1e-9 && double.unit == "s");
+}
