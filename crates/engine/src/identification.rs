@@ -2,7 +2,7 @@
 
 use crate::parts::{held_long, longest_without_gap, part_covered, part_without_gap, with_part};
 use crate::{EngineError, Flight};
-use mavsight_flight::InputSeries;
+use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_identify::output_error::{FlightFitOptions, FlightFits, Images, InputClock};
 use mavsight_identify::{IdentifyError, RegressionError};
 use mavsight_pipeline::{
@@ -51,6 +51,7 @@ pub fn identify_from_motion(
     flight: &Flight<'_>,
     progress: &dyn Progress,
 ) -> Result<(), EngineError> {
+    results.notes.extend(earlier_schema(flight.vehicle));
     let Some(recorded) = flight.inputs else {
         results.motion = Some(motion);
         results.notes.push("No parameters: the session names no inputs.".to_owned());
@@ -85,6 +86,17 @@ pub fn identify_from_motion(
         }));
     }
     Ok(())
+}
+
+/// That the vehicle file is of schema 1, and what was made of it.
+fn earlier_schema(vehicle: &Vehicle) -> Option<String> {
+    vehicle.is_of_schema_1.then(|| {
+        format!(
+            "The vehicle file has the [rotor] of schema 1: it is read as the model {:?}; `mavsight convert vehicle.toml \
+             new-vehicle.toml` writes it anew.",
+            vehicle.model.name
+        )
+    })
 }
 
 /// Equation error over what the inputs cover of the motion; of that, over the longest part without a gap.

@@ -132,7 +132,9 @@ impl EquationFile {
     pub fn vehicle(&self, vehicle: &Vehicle) -> Vehicle {
         match self {
             Self::Outputs(_) => vehicle.clone(),
-            Self::Model(model) => Vehicle { model: Arc::clone(model), ..vehicle.clone() },
+            Self::Model(model) => {
+                Vehicle { model: Arc::clone(model), is_of_schema_1: false, ..vehicle.clone() }
+            }
         }
     }
 }
@@ -146,6 +148,12 @@ impl OutputEquations {
         let equations: Self = toml::from_str(text).map_err(|e| IdentifyError::ModelFile(e.to_string()))?;
         equations.check()?;
         Ok(equations)
+    }
+
+    /// The same as `[[equation]]` sections of a flight model's file, which must have inputs, states or
+    /// definitions of the names that are used.
+    pub fn sections(&self) -> String {
+        self.output.iter().map(OutputEquation::section).collect::<Vec<_>>().join("\n")
     }
 
     fn check(&self) -> Result<(), IdentifyError> {
@@ -185,6 +193,28 @@ impl OutputEquation {
             return wrong(format!("output {output} has no free regressor"));
         }
         Ok(())
+    }
+
+    fn section(&self) -> String {
+        let quoted = |text: &str| toml::Value::from(text).to_string();
+        let (kind, radii) = match self.measured.axis() {
+            Axis::Force(axis) => (["force_x", "force_y", "force_z"][axis], 4),
+            Axis::Moment(axis) => (["moment_x", "moment_y", "moment_z"][axis], 5),
+        };
+        let regressors: Vec<String> = self.regressors.iter().map(|r| quoted(r)).collect();
+        let mut out = format!("[[equation]]\nname = {}\nmeasured = \"{kind}\"\n", quoted(&self.name));
+        if self.scale == Scale::Rotor {
+            out += &format!("scale = \"0.5*rho*pi*R^{radii}*omega_m^2\"\n");
+        }
+        out += &format!("regressors = [{}]\n", regressors.join(", "));
+        if !self.fixed.is_empty() {
+            let fixed = self.fixed.iter().map(|(name, value)| format!("{} = {value:?}", quoted(name)));
+            out += &format!("fixed = {{ {} }}\n", fixed.collect::<Vec<_>>().join(", "));
+        }
+        if self.when == When::Excited {
+            out += "when = \"excited\"\n";
+        }
+        out
     }
 
     fn named(&self) -> NamedEquation {

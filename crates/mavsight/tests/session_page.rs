@@ -1,4 +1,4 @@
-//! `docs/session.md` has every key of every input file, and no other.
+//! `docs/session.md` and `docs/models.md` have every key of every input file, and no other.
 //!
 //! Each file's example is read by the program's own types. Then a key that is not known is put into each of
 //! its tables: the parser's answer lists all keys that it knows there, which must be those of the page. In
@@ -6,7 +6,7 @@
 
 use assert_cmd::Command;
 use mavsight_flight::Vehicle;
-use mavsight_identify::OutputEquations;
+use mavsight_identify::{EquationFile, OutputEquations};
 use mavsight_plan::Room;
 use mavsight_score::CampaignFile;
 use mavsight_session::tables::{read_control_pixels, read_control_points, read_inputs};
@@ -30,7 +30,11 @@ struct Page {
 }
 
 fn pages() -> BTreeMap<String, Page> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/session.md");
+    pages_of("session.md")
+}
+
+fn pages_of(name: &str) -> BTreeMap<String, Page> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs").join(name);
     let text = std::fs::read_to_string(path).expect("the page");
     let mut pages: BTreeMap<String, Page> = BTreeMap::new();
     let (mut file, mut section, mut in_example) = (String::new(), String::new(), false);
@@ -162,7 +166,11 @@ fn by_type<T: DeserializeOwned>(text: &str) -> Result<(), String> {
 fn the_page_has_every_key_and_word_of_the_parsers() {
     let pages = pages();
     compare("session.toml", &pages["session.toml"], &by_type::<SessionFile>);
-    compare("vehicle.toml", &pages["vehicle.toml"], &by_type::<Vehicle>);
+    // What schema 1 had is described in words.
+    let vehicle = |text: &str| {
+        by_type::<Vehicle>(text).map_err(|e| e.replace(", `rotor`, `assumption`", ""))
+    };
+    compare("vehicle.toml", &pages["vehicle.toml"], &vehicle);
     compare("model.toml", &pages["model.toml"], &by_type::<OutputEquations>);
     compare("staging.toml", &pages["staging.toml"], &by_type::<Staging>);
     compare("room.toml", &pages["room.toml"], &by_type::<Room>);
@@ -178,6 +186,40 @@ fn the_page_has_every_key_and_word_of_the_parsers() {
         read_rig(&put(folder.path(), "rig.toml", text)).map(drop).map_err(|e| e.to_string())
     });
     assert_eq!(pages.len(), 12, "a file without a comparison: {:?}", pages.keys());
+}
+
+/// Entries have names of the user's: `[inputs]` stands for all of them on the page.
+#[test]
+fn the_page_of_models_has_every_key_of_a_flight_model() {
+    let page = &pages_of("models.md")["Every key"];
+    let parse = |text: &str| EquationFile::parse("model.toml", text).map(drop).map_err(|e| e.to_string());
+    assert_eq!(parse(&page.example), Ok(()), "its example");
+    let document = Value::Table(page.example.parse().expect("TOML"));
+    let section = |path: &str| {
+        let parts: Vec<&str> = path.split('.').collect();
+        match parts.as_slice() {
+            [first, .., "free"] => format!("{first}.free"),
+            [first, ..] => (*first).to_owned(),
+            [] => String::new(),
+        }
+    };
+    let (mut known, mut shown) = (BTreeMap::<String, Keys>::new(), BTreeMap::<String, Keys>::new());
+    in_each_table(&document, &|_| vec!["zz_unknown".into()], &mut |path, _, table| {
+        let answer = parse(&table.to_string()).expect_err("an unknown key");
+        let list = answer.split_once("; keys are ").or(answer.split_once(": did you mean "));
+        // The keys of `fixed` are the equation's regressors.
+        let Some((_, list)) = list.filter(|_| !path.ends_with(".fixed")) else { return };
+        let keys = list.trim_end_matches('?').split(", ").map(str::to_owned);
+        known.entry(section(path)).or_default().extend(keys);
+    });
+    in_each_table(&document, &|table| table.keys().cloned().collect(), &mut |path, key, _| {
+        shown.entry(section(path)).or_default().insert(key.to_owned());
+    });
+    assert_eq!(page.keys, known, "left the page, right the parser");
+    for (path, keys) in &page.keys {
+        let missing: Vec<_> = keys.difference(&shown[path]).collect();
+        assert!(missing.is_empty(), "the example of [{path}] lacks {missing:?}");
+    }
 }
 
 fn put(folder: &Path, name: &str, text: &str) -> PathBuf {

@@ -135,7 +135,8 @@ impl<'a> Section<'a> {
         };
         let mut near = near(&unknown.key, asked.iter().copied());
         if near.is_empty() {
-            near = asked.iter().map(|k| (*k).to_owned()).collect();
+            let first = |(k, key): &(usize, &&str)| !asked[..*k].contains(*key);
+            near = asked.iter().enumerate().filter(first).map(|(_, key)| (*key).to_owned()).collect();
         }
         let (name, section) = (shown(&unknown.key), self.name.clone());
         self.source.fault(unknown.key_at, Fault::UnknownKey { name, section, near })

@@ -16,6 +16,7 @@ Example:
   mavsight convert results/pose.csv flight.tum --frame enu
   mavsight convert capture.c3d pose.csv --vehicle vehicle.toml     (then: mavsight identify pose.csv ...)
   mavsight convert results/motion.csv motion.parquet
+  mavsight convert vehicle.toml new/vehicle.toml     (a vehicle file of schema 1, with a [rotor])
 
 Formats, and the names by which they are known:
   rig        rig.toml                cameras of this program
@@ -36,6 +37,8 @@ Formats, and the names by which they are known:
   object     *object*.csv            control object of DLTdv
   offsets    *offsets.csv, .tsv      offsets of DLTdv: lines for session.toml
   csv, parquet   *.csv, *.parquet    any table
+  vehicle    *.toml with a [rotor]   a vehicle file of schema 1, which is written as schema 2
+  equations  *.toml with [[output]]  an equation file of schema 1: [[equation]] sections for a flight model
 
 Poses become marker paths, and paths poses, where --vehicle gives the markers. More in docs/formats.md.")]
 pub(crate) struct Convert {
@@ -110,6 +113,8 @@ pub(crate) enum Format {
     Offsets,
     Csv,
     Parquet,
+    Vehicle,
+    Equations,
 }
 
 /// Which way is up.

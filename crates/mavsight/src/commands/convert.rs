@@ -6,7 +6,9 @@ use crate::cli::{Convert, Format, Up, WrongCall};
 use crate::out::outln;
 use anyhow::Result;
 use clap::ValueEnum;
+use mavsight_flight::Vehicle;
 use mavsight_geometry::Vector3;
+use mavsight_identify::{EquationFile, OutputEquations};
 use mavsight_pipeline::ControlPointRow;
 use mavsight_pose::Rig;
 use mavsight_session::foreign::dltdv_points::{self, PointOptions};
@@ -17,8 +19,8 @@ use mavsight_session::foreign::poses::{
 };
 use mavsight_session::foreign::{CameraOptions, Noted, argus, c3d, dltdv, kalibr, opencv, ros, trc};
 use mavsight_session::{
-    RunResults, SessionError, cameras_of, load_vehicle, read_rig, tables, write_control_points,
-    write_markers, write_rig, write_whole,
+    RunResults, SessionError, cameras_of, load_equations, load_vehicle, read_rig, tables,
+    write_control_points, write_markers, write_rig, write_vehicle, write_whole,
 };
 use std::path::{Path, PathBuf};
 
@@ -69,6 +71,35 @@ fn body(args: &Convert) -> Result<Option<Body>> {
     Ok(Some(vehicle.marker.into_iter().map(|m| (m.name, Vector3::from(m.position_m))).collect()))
 }
 
+const SECTIONS_NOTE: &str = "these sections belong into a flight model's file, which has what they name as inputs, states or definitions";
+
+fn vehicle_notes() -> Vec<String> {
+    let of_rotor = "the [rotor] is written as parameters of the model \"coaxial\"; for another aircraft name its model in their place";
+    let of_assumption = "what was in [assumption] is in [simulation]; comments are not kept";
+    [of_rotor, of_assumption].map(str::to_owned).into()
+}
+
+/// A vehicle file of schema 1.
+fn earlier_vehicle(path: &Path) -> Result<Result<Box<Vehicle>, SessionError>, WrongCall> {
+    match load_vehicle(path) {
+        Ok(vehicle) if !vehicle.is_of_schema_1 => Err(nothing_to_convert(path, "vehicle file without [rotor]")),
+        read => Ok(read.map(Box::new)),
+    }
+}
+
+/// An equation file of schema 1.
+fn earlier_equations(path: &Path) -> Result<Result<OutputEquations, SessionError>, WrongCall> {
+    match load_equations(path) {
+        Ok(EquationFile::Model(_)) => Err(nothing_to_convert(path, "flight model")),
+        Ok(EquationFile::Outputs(equations)) => Ok(Ok(equations)),
+        Err(wrong) => Ok(Err(wrong)),
+    }
+}
+
+fn nothing_to_convert(path: &Path, what: &str) -> WrongCall {
+    WrongCall(format!("{}: is a {what}, of schema 2 already: there is nothing to convert", path.display()))
+}
+
 /// The content of a file, in this program's conventions whatever its format.
 enum Content {
     Cameras(Rig),
@@ -77,6 +108,8 @@ enum Content {
     Pixels(Box<RunResults>),
     Control(Vec<ControlPointRow>),
     Offsets(Vec<f64>),
+    Vehicle(Box<Vehicle>),
+    Equations(OutputEquations),
 }
 
 type Read = Result<Noted<Content>, SessionError>;
@@ -150,6 +183,8 @@ impl Call<'_> {
             Format::Opencv => noted(opencv::read(path, &cameras), Content::Cameras),
             Format::Ros => noted(ros::read(path, &cameras), Content::Cameras),
             Format::Kalibr => noted(kalibr::read(path, &cameras), Content::Cameras),
+            Format::Vehicle => plain(earlier_vehicle(path)?, Content::Vehicle),
+            Format::Equations => plain(earlier_equations(path)?, Content::Equations),
             Format::Rig | Format::Csv | Format::Parquet => plain(read_rig(path), Content::Cameras),
         })?;
         if let Content::Paths(paths) = &mut read.value
@@ -197,6 +232,11 @@ impl Call<'_> {
                 let lines: String = offsets.iter().enumerate().map(line).collect();
                 let note = |()| vec!["these lines belong into the cameras of session.toml".to_owned()];
                 write_whole(path, lines.as_bytes()).map(note)
+            }
+            (_, Content::Vehicle(vehicle)) => write_vehicle(path, &vehicle).map(|()| vehicle_notes()),
+            (_, Content::Equations(equations)) => {
+                let note = |()| vec![SECTIONS_NOTE.to_owned()];
+                write_whole(path, equations.sections().as_bytes()).map(note)
             }
         })
     }

@@ -14,6 +14,10 @@ pub(super) enum Kind {
     Control,
     Offsets,
     Table,
+    /// Vehicle files of schema 1.
+    Vehicle,
+    /// Equation files of schema 1.
+    Equations,
 }
 
 impl Kind {
@@ -26,7 +30,7 @@ impl Kind {
             Self::Paths => Some(Format::Paths),
             Self::Pixels => Some(Format::Markers),
             Self::Control => Some(Format::Control),
-            Self::Offsets | Self::Table => None,
+            Self::Offsets | Self::Table | Self::Vehicle | Self::Equations => None,
         }
     }
 }
@@ -41,6 +45,8 @@ impl Format {
             Self::Control | Self::Object => Kind::Control,
             Self::Offsets => Kind::Offsets,
             Self::Csv | Self::Parquet => Kind::Table,
+            Self::Vehicle => Kind::Vehicle,
+            Self::Equations => Kind::Equations,
         }
     }
 
@@ -83,6 +89,8 @@ impl Format {
         let first = head.lines().next().unwrap_or("");
         let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
         match extension.as_str() {
+            "toml" if has("[[marker]]") && has("mass_kg") => Some(Self::Vehicle),
+            "toml" if has("[[output]]") => Some(Self::Equations),
             "yaml" | "yml" if has("opencv-matrix") => Some(Self::Opencv),
             "yaml" | "yml" if has("camera_model") && has("cam0") => Some(Self::Kalibr),
             "yaml" | "yml" if has("distortion_model") && has("camera_matrix") => Some(Self::Ros),
@@ -137,6 +145,8 @@ pub(super) fn formats(
     let to = of_output.or_else(|| from.kind().own(has_vehicle).filter(|_| has_own_name));
     let to = match (from.kind(), to) {
         (Kind::Offsets, None | Some(Format::Rig)) => Format::Offsets,
+        (Kind::Vehicle, Some(Format::Rig)) => Format::Vehicle,
+        (Kind::Equations, Some(Format::Rig)) => Format::Equations,
         (_, Some(to)) => to,
         (_, None) => return Err(unknown(output, "--to")),
     };
