@@ -33,7 +33,9 @@ pub struct Scenario {
     /// Rates p, q, r at the start.
     #[serde(default, skip_serializing_if = "are_zero")]
     pub rates_deg_s: [f64; 3],
-    /// What is done; movements of one input add.
+    /// What is done; movements of one input add. May be left out: a thrown body has no inputs, and recorded
+    /// inputs may be flown instead.
+    #[serde(default)]
     pub maneuver: Vec<Maneuver>,
     /// Other objects in the room, and disturbances of the cameras.
     #[serde(default, skip_serializing_if = "Staging::is_empty")]
