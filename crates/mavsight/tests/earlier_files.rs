@@ -127,7 +127,8 @@ fn results_note_a_vehicle_of_schema_1_once() {
     let notes = |vehicle: &Path| {
         let mut command = mavsight();
         command.arg("identify").arg(flight.join("truth.csv")).arg("--vehicle").arg(vehicle);
-        let answer = said(command.arg("--inputs").arg(flight.join("inputs.csv")).args(["--estimator", "ols"]), 0);
+        let answer =
+            said(command.arg("--inputs").arg(flight.join("inputs.csv")).args(["--estimator", "ols"]), 0);
         answer.matches("schema 1").count()
     };
     assert_eq!(notes(&vehicle), 1);

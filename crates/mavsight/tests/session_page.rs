@@ -167,9 +167,7 @@ fn the_page_has_every_key_and_word_of_the_parsers() {
     let pages = pages();
     compare("session.toml", &pages["session.toml"], &by_type::<SessionFile>);
     // What schema 1 had is described in words.
-    let vehicle = |text: &str| {
-        by_type::<Vehicle>(text).map_err(|e| e.replace(", `rotor`, `assumption`", ""))
-    };
+    let vehicle = |text: &str| by_type::<Vehicle>(text).map_err(|e| e.replace(", `rotor`, `assumption`", ""));
     compare("vehicle.toml", &pages["vehicle.toml"], &vehicle);
     compare("model.toml", &pages["model.toml"], &by_type::<OutputEquations>);
     compare("staging.toml", &pages["staging.toml"], &by_type::<Staging>);

@@ -82,7 +82,9 @@ fn vehicle_notes() -> Vec<String> {
 /// A vehicle file of schema 1.
 fn earlier_vehicle(path: &Path) -> Result<Result<Box<Vehicle>, SessionError>, WrongCall> {
     match load_vehicle(path) {
-        Ok(vehicle) if !vehicle.is_of_schema_1 => Err(nothing_to_convert(path, "vehicle file without [rotor]")),
+        Ok(vehicle) if !vehicle.is_of_schema_1 => {
+            Err(nothing_to_convert(path, "vehicle file without [rotor]"))
+        }
         read => Ok(read.map(Box::new)),
     }
 }
