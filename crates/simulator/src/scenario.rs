@@ -102,8 +102,8 @@ impl Scenario {
         self.maneuver.iter().try_for_each(Maneuver::check)
     }
 
-    /// The inputs of the vehicle's model, from 0 to at least the end of the flight: those of steady flight and
-    /// the manoeuvres.
+    /// The inputs of the vehicle's model, from 0 to at least the end of the flight: those of steady flight
+    /// and the manoeuvres.
     ///
     /// # Errors
     /// A scenario that is not valid, that moves an input which the model does not have, or further than the
@@ -142,8 +142,8 @@ impl Scenario {
         Ok(Controls { moved: moved.collect::<Result<_, _>>()?, trim, inputs: &model.inputs })
     }
 
-    /// Where the flight starts: where the scenario says, and with the further states that the model begins with
-    /// under the first inputs.
+    /// Where the flight starts: where the scenario says, and with the further states that the model begins
+    /// with under the first inputs.
     ///
     /// # Errors
     /// A scenario that moves an input which the model does not have.
