@@ -281,7 +281,7 @@ fn are_moved(inputs: &InputSeries, own: &[usize]) -> bool {
         let (low, high) = (column.min(), column.max());
         high - low > 1e-9 * high.abs().max(1.0)
     };
-    let each = values.column_iter().all(|column| moves(column));
+    let each = values.column_iter().all(moves);
     each && (own.len() < 2
         || independent_columns(&values, &vec![0.0; own.len()]).independent.len() == own.len())
 }
