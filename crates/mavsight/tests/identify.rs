@@ -15,7 +15,7 @@ const ARM_M: f64 = 0.2;
 const DAMPING_N_M_S: f64 = 4.0e-3;
 
 fn example(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/quadrotor").join(name)
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/quadrotor").join(name)
 }
 
 /// Rotor speeds at a time: hover, and a multisine of its own harmonics of 8 s on each.
@@ -87,7 +87,7 @@ fn a_quadrotor_before_a_motion_capture_system() {
     let (table, inputs) = flight(folder.path());
     let out = folder.path().join("results");
     let mut command = identify(&table, &inputs);
-    command.arg("--model").arg(example("model.toml")).args(["--hold-out", "5..6"]).arg("--out").arg(&out);
+    command.arg("--model").arg(example("equations.toml")).args(["--hold-out", "5..6"]).arg("--out").arg(&out);
     let assert = command.assert().success();
     let text = String::from_utf8_lossy(&assert.get_output().stdout).into_owned();
     assert!(text.contains("predicts the 201 instants held out"), "{text}");
@@ -118,7 +118,7 @@ fn rows_that_are_missing_are_left_out_and_said() {
     let rows: Vec<&str> = text.lines().collect();
     std::fs::write(&table, [&rows[..601], &rows[721..]].concat().join("\n")).expect("written");
     let mut command = identify(&table, &inputs);
-    let assert = command.arg("--model").arg(example("model.toml")).assert().success();
+    let assert = command.arg("--model").arg(example("equations.toml")).assert().success();
     let text = String::from_utf8_lossy(&assert.get_output().stdout).into_owned();
     assert!(text.contains("1481 of 1601") && text.contains("in gaps of the poses were left out"), "{text}");
 }
@@ -130,7 +130,7 @@ fn a_motion_table_is_taken_as_it_is() {
     let out = folder.path().join("results");
     let run = |table: &Path| {
         let mut command = identify(table, &inputs);
-        command.arg("--model").arg(example("model.toml")).args(["--estimator", "ols", "--lag", "0"]);
+        command.arg("--model").arg(example("equations.toml")).args(["--estimator", "ols", "--lag", "0"]);
         command
     };
     run(&table).arg("--out").arg(&out).assert().success();
@@ -157,7 +157,7 @@ fn wrong_calls_are_named() {
     let folder = TempDir::new().expect("a folder");
     let (table, inputs) = flight(folder.path());
     let model = folder.path().join("model.toml");
-    let text = std::fs::read_to_string(example("model.toml")).expect("the example");
+    let text = std::fs::read_to_string(example("equations.toml")).expect("the example");
     std::fs::write(&model, text.replace("\"q\"]", "\"qq\"]")).expect("written");
     let said = message(identify(&table, &inputs).arg("--model").arg(&model), 2);
     assert!(["M", "qq", "1, u, v, w", "omega_4_rad_s"].iter().all(|w| said.contains(w)), "{said}");
@@ -174,7 +174,7 @@ fn wrong_calls_are_named() {
         }
     }
     let said = message(
-        identify(&table, &inputs).arg("--model").arg(example("model.toml")).args([
+        identify(&table, &inputs).arg("--model").arg(example("equations.toml")).args([
             "--estimator",
             "fd",
             "--band",
@@ -206,7 +206,7 @@ fn motion_is_not_known_where_nothing_was_seen() {
     std::fs::write(&table, text.lines().map(unseen).collect::<Vec<_>>().join("\n")).expect("written");
     let out = folder.path().join("results");
     let mut command = identify(&table, &inputs);
-    command.arg("--model").arg(example("model.toml")).args(["--estimator", "ols"]).arg("--out").arg(&out);
+    command.arg("--model").arg(example("equations.toml")).args(["--estimator", "ols"]).arg("--out").arg(&out);
     command.assert().success();
     let motion = std::fs::read_to_string(out.join("motion.csv")).expect("a motion");
     let rows: Vec<(f64, bool)> = motion
@@ -227,7 +227,7 @@ fn inputs_that_end_early_give_the_part_that_they_cover() {
     let (table, inputs) = flight(folder.path());
     let text = std::fs::read_to_string(&inputs).expect("inputs");
     let lines: Vec<&str> = text.lines().collect();
-    let model = example("model.toml");
+    let model = example("equations.toml");
     let [whole, part] = ["whole", "part"].map(|name| folder.path().join(name));
     identify(&table, &inputs).arg("--model").arg(&model).arg("--out").arg(&whole).assert().success();
     let kept = [&lines[..1], &lines[300..2000]].concat();

@@ -30,11 +30,7 @@ struct Page {
 }
 
 fn pages() -> BTreeMap<String, Page> {
-    pages_of("session.md")
-}
-
-fn pages_of(name: &str) -> BTreeMap<String, Page> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs").join(name);
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/session.md");
     let text = std::fs::read_to_string(path).expect("the page");
     let mut pages: BTreeMap<String, Page> = BTreeMap::new();
     let (mut file, mut section, mut in_example) = (String::new(), String::new(), false);
@@ -186,20 +182,40 @@ fn the_page_has_every_key_and_word_of_the_parsers() {
     assert_eq!(pages.len(), 12, "a file without a comparison: {:?}", pages.keys());
 }
 
+/// Sections and keys of the table of flight models, one row for several, and its example.
+fn page_of_models() -> Page {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/models.md");
+    let text = std::fs::read_to_string(path).expect("the page");
+    let part = text.split_once("## Every key").expect("the part").1;
+    let quoted = |cell: &str| -> Vec<String> {
+        cell.split('`').skip(1).step_by(2).map(|word| word.trim_matches(['[', ']']).to_owned()).collect()
+    };
+    let mut page = Page::default();
+    for line in part.lines().filter(|line| line.starts_with("| `[") || line.starts_with("| top")) {
+        let cells: Vec<&str> = line.split(" | ").collect();
+        let sections = if cells[0] == "| top" { vec![String::new()] } else { quoted(cells[0]) };
+        for section in sections {
+            for key in quoted(cells[1]) {
+                let is_new = page.keys.entry(section.clone()).or_default().insert(key.clone());
+                assert!(is_new, "{key} of [{section}] is there twice");
+            }
+        }
+    }
+    page.example = part.split("```").nth(1).expect("an example").trim_start_matches("toml").to_owned();
+    page
+}
+
 /// Entries have names of the user's: `[inputs]` stands for all of them on the page.
 #[test]
 fn the_page_of_models_has_every_key_of_a_flight_model() {
-    let page = &pages_of("models.md")["Every key"];
+    let page = page_of_models();
     let parse = |text: &str| EquationFile::parse("model.toml", text).map(drop).map_err(|e| e.to_string());
     assert_eq!(parse(&page.example), Ok(()), "its example");
     let document = Value::Table(page.example.parse().expect("TOML"));
-    let section = |path: &str| {
-        let parts: Vec<&str> = path.split('.').collect();
-        match parts.as_slice() {
-            [first, .., "free"] => format!("{first}.free"),
-            [first, ..] => (*first).to_owned(),
-            [] => String::new(),
-        }
+    let section = |path: &str| match path.split('.').collect::<Vec<&str>>().as_slice() {
+        [first, .., "free"] => format!("{first}.free"),
+        [first, ..] => (*first).to_owned(),
+        [] => String::new(),
     };
     let (mut known, mut shown) = (BTreeMap::<String, Keys>::new(), BTreeMap::<String, Keys>::new());
     in_each_table(&document, &|_| vec!["zz_unknown".into()], &mut |path, _, table| {
