@@ -40,8 +40,8 @@ pub enum Between {
     Hold,
 }
 
-/// The response of a rotor's disc to a body rate, from rest: x' = -x/τ - rate, exact for a rate that is the cubic between samples that its values and accelerations
-/// determine.
+/// The response of a rotor's disc to a body rate, from rest: x' = -x/τ - rate, exact for a rate that is the
+/// cubic between samples that its values and accelerations determine.
 ///
 /// Straight lines between frames of 1/30 s would miss h²/12 of the acceleration, which biases the
 /// coefficients that the same acceleration is fitted by. All three series must have one value a time, and

@@ -112,9 +112,9 @@ impl Vehicle {
         rigid.iter().map(|name| (*name).to_owned()).chain(further).collect()
     }
 
-    /// Checks that every constant makes sense, that values belong to parameters of the model, and that markers
-    /// are distinguished by name, of which tables make lists. Markers may share a colour; whether their places
-    /// distinguish them is decided where they are observed.
+    /// Checks that every constant makes sense, that values belong to parameters of the model, and that
+    /// markers are distinguished by name, of which tables make lists. Markers may share a colour; whether
+    /// their places distinguish them is decided where they are observed.
     ///
     /// # Errors
     /// The first key that does not, with its value.

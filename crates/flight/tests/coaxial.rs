@@ -60,13 +60,10 @@ fn the_file_is_the_model_written_by_hand() {
         evaluation.by_state().for_each(|s| by_state[s.row][s.column] = s.value);
         let mut by_parameter = [[0.0; COEFFICIENTS]; FLIGHT_STATES];
         evaluation.by_parameter().for_each(|s| by_parameter[s.row][s.column] = s.value);
-        for i in 0..FLIGHT_STATES {
-            for j in 0..FLIGHT_STATES {
-                worst = worst.max(close(by_state[i][j], linear.by_state[i][j], 1.0));
-            }
-            for j in 0..COEFFICIENTS {
-                worst = worst.max(close(by_parameter[i][j], linear.by_coefficient[i][j], 1.0));
-            }
+        let states = by_state.iter().flatten().zip(linear.by_state.iter().flatten());
+        let coefficients = by_parameter.iter().flatten().zip(linear.by_coefficient.iter().flatten());
+        for (got, want) in states.chain(coefficients) {
+            worst = worst.max(close(*got, *want, 1.0));
         }
     }
     assert!(worst < 1e-12, "{worst:e}");

@@ -200,7 +200,7 @@ pub enum IdentifyError {
     },
     /// The iteration stopped early.
     #[error(
-        "the fit has not converged after {iterations} iterations (the next step would lower the weighted squares of {squares:.4e} by {promise:.1e}): start from other values, or shorten the segments"
+        "the fit has not converged after {iterations} iterations (the next step would lower the weighted squares of {squares:.4e} by {promise:.1e}{}): fix parameters or give them a prior_std, start from other values, or shorten the segments", loose(.at_bounds, .moving)
     )]
     FitNotConverged {
         /// Iterations.
@@ -209,8 +209,20 @@ pub enum IdentifyError {
         squares: f64,
         /// Predicted decrease by the next step.
         promise: f64,
+        /// Parameters that lie at a bound of theirs.
+        at_bounds: Vec<String>,
+        /// Parameters that the next step would move most, by a tenth of their size or more.
+        moving: Vec<String>,
     },
     /// A marker that no camera can see at the fitted pose, or a camera that cannot be differentiated.
     #[error(transparent)]
     Geometry(#[from] mavsight_geometry::GeometryError),
+}
+
+fn loose(at_bounds: &[String], moving: &[String]) -> String {
+    let part = |names: &[String], before: &str, behind: &str| match names {
+        [] => String::new(),
+        names => format!("; {before}{}{behind}", names.join(", ")),
+    };
+    part(at_bounds, "", " at their bounds") + &part(moving, "it would still move ", "")
 }

@@ -2,8 +2,8 @@
 //!
 //! The model is the vehicle's ([`mavsight_model::Model`]); equation error regresses on what its
 //! `[[equation]]` sections name, or those of an [`EquationFile`]. That of the paper's helicopter has equation
-//! 3 of Mulyanto, Nurhakim, Muhammad (2012) with both thrusts: each of C_X, C_Z and C_m is linear in 1, alpha_u, alpha_l, q,
-//! delta_lon, T_u and T_l; and C_Y, C_l and C_n likewise.
+//! 3 of Mulyanto, Nurhakim, Muhammad (2012) with both thrusts: each of C_X, C_Z and C_m is linear in 1,
+//! alpha_u, alpha_l, q, delta_lon, T_u and T_l; and C_Y, C_l and C_n likewise.
 
 mod coloured;
 mod dependence;

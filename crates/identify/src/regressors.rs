@@ -284,8 +284,8 @@ impl Draft {
     }
 }
 
-/// What an error of the pose at the first time does to states that follow the motion, which are integrated from
-/// there: it fades with the state's time.
+/// What an error of the pose at the first time does to states that follow the motion, which are integrated
+/// from there: it fades with the state's time.
 fn start_errors(flight: &Flight<'_>, signals: &[&[Term]]) -> Vec<DMatrix<f64>> {
     let mut out = Vec::new();
     let slowest_s = signals.iter().flat_map(|terms| terms.iter()).filter_map(|t| match t.transfer {

@@ -38,9 +38,9 @@ pub struct Output {
     pub columns: Vec<Column>,
     /// Errors of the regressors and, last, of the output.
     pub errors: SignalErrors,
-    /// Errors that happen once, of the pose from which states that follow the motion are integrated: for each,
-    /// what one standard deviation of it does to the regressors and, last, the output, at the times until it
-    /// has died away.
+    /// Errors that happen once, of the pose from which states that follow the motion are integrated: for
+    /// each, what one standard deviation of it does to the regressors and, last, the output, at the times
+    /// until it has died away.
     pub once: Vec<DMatrix<f64>>,
     /// Coefficients that the model fixes; their part is taken off the values.
     pub fixed: Vec<Fixed>,

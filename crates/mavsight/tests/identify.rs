@@ -187,10 +187,10 @@ fn wrong_calls_are_named() {
         let said = message(identify(&table, &inputs).arg(lag), 2);
         assert!(said.contains("shorter than the inputs' record"), "{said}");
     }
-    // Coefficients of rotors that the table of inputs does not have.
+    // The vehicle names no model, hence no equations.
     let output = identify(&table, &inputs).assert().success();
     let said = String::from_utf8_lossy(&output.get_output().stdout).into_owned();
-    assert!(said.contains("No parameters") && said.contains("need turning rotors"), "{said}");
+    assert!(said.contains("No parameters") && said.contains("no equations for regression"), "{said}");
 }
 
 /// What was not seen for two seconds is not known: its rows hold their times alone.

@@ -299,7 +299,8 @@ impl Model {
     }
 
     /// For each coefficient of an equation that a parameter of the equations of motion is named like
-    /// (`equation,regressor`): that name, and the coefficient over the parameter, over some rows of the inputs.
+    /// (`equation,regressor`): that name, and the coefficient over the parameter, over some rows of the
+    /// inputs.
     ///
     /// A coefficient is made dimensionless by the equation's scale, the parameter by whatever stands by it in
     /// the forces: for the same force their ratio is that of the means of both.

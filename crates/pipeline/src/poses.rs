@@ -112,8 +112,8 @@ mod tests {
         out
     }
 
-    /// The systematic error that poses show, px, and the standard deviations of x before and after: systematic
-    /// and random.
+    /// The systematic error that poses show, px, and the standard deviations of x before and after:
+    /// systematic and random.
     fn shown(bias_px: f64, draw: u64) -> (f64, [(f64, f64); 2]) {
         let (rig, body) = (rig(), body_markers(&Vehicle::paper()));
         let mut tracked = tracked(&rig, &body, bias_px, draw);

@@ -4,7 +4,7 @@ use crate::chunks::checksum;
 use crate::{
     CAMPAIGN_SCHEMA, CampaignCamera, CampaignFile, CampaignRig, ChunkFile, FitKind, NoiseLevel, ScoreError,
 };
-use mavsight_flight::Vehicle;
+use mavsight_flight::{Vehicle, VehicleFile};
 use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Isometry3, Matrix2, Point3, Vector2, Vector3};
 use mavsight_identify::output_error::{
     ExpectedParameter, FlightModel, Measurements, OutputErrorOptions, StateMeasurement, output_error,
@@ -101,7 +101,9 @@ impl Campaign {
         let mut inputs = format!("{file:?}");
         for rig in &file.rig {
             let (planner, vehicle) = Planner::load(&folder.join(&rig.room))?;
-            inputs += &format!("{:?}{vehicle:?}{:?}", planner.room(), planner.control());
+            // A model as its text: what it is made of in memory has no order.
+            let (flown, model) = (VehicleFile::from(vehicle.clone()), &vehicle.model.definition);
+            inputs += &format!("{:?}{flown:?}{model}{:?}", planner.room(), planner.control());
             for noise in &file.noise {
                 for steered in &file.manoeuvre {
                     let scenario: Scenario = read_toml(&folder.join(&steered.scenario), "scenario file")?;

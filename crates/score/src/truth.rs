@@ -52,8 +52,8 @@ fn state_of(before: &[f64; 13], further: Vec<f64>, behind: &[f64; 6]) -> FlightS
 
 /// Reads a truth file: a CSV or Parquet table with the columns that [`write_truth`] writes, or more.
 ///
-/// The further states are those of the vehicle's model where the file has a column for each; none where it does
-/// not, as in a flight that another model has flown.
+/// The further states are those of the vehicle's model where the file has a column for each; none where it
+/// does not, as in a flight that another model has flown.
 ///
 /// # Errors
 /// Names the file, row and column.
@@ -70,8 +70,8 @@ pub fn read_truth(path: &Path, vehicle: &Vehicle) -> Result<Vec<FlightState>, Se
     states.collect()
 }
 
-/// Writes a simulated motion as a truth file: time, position, velocity, attitude and rates, the further states
-/// by the model's columns, then accelerations.
+/// Writes a simulated motion as a truth file: time, position, velocity, attitude and rates, the further
+/// states by the model's columns, then accelerations.
 ///
 /// # Errors
 /// What the file system refuses.

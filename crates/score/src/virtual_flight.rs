@@ -10,7 +10,8 @@ use mavsight_simulator::{Carried, FlightState, Maneuver, Scenario, Simulator};
 
 const DURATION_S: f64 = 6.0;
 
-/// Inputs that are moved, with the largest amplitudes: degrees of the swash-plate, per cent of the rotor speed.
+/// Inputs that are moved, with the largest amplitudes: degrees of the swash-plate, per cent of the rotor
+/// speed.
 const LARGEST: [(&str, f64); 3] = [("delta_lon", 5.0), ("delta_lat", 4.0), ("omega_u", 1.5)];
 
 /// What is carried by hand is so at most this long before its flight: its sines do not come together again.
@@ -75,8 +76,8 @@ impl VirtualLab {
     }
 
     /// A random motion in view of the cameras: hover with doublets and a 3-2-1-1 in the swash-plate and the
-    /// rotor speed where the vehicle has these inputs; another aircraft is carried about by hand, since what it
-    /// does in a room by itself is not known.
+    /// rotor speed where the vehicle has these inputs; another aircraft is carried about by hand, since what
+    /// it does in a room by itself is not known.
     ///
     /// # Errors
     /// [`ScoreError::OutOfView`] where even a small motion is not seen; a vehicle that cannot be simulated.

@@ -48,8 +48,8 @@ impl AmplitudeUnit {
     }
 }
 
-/// One movement of one input, added to its value in steady flight. Amplitudes are in degrees where the input is
-/// in radians, in per cent of the value in steady flight where there is one, and else in the input's unit
+/// One movement of one input, added to its value in steady flight. Amplitudes are in degrees where the input
+/// is in radians, in per cent of the value in steady flight where there is one, and else in the input's unit
 /// ([`AmplitudeUnit`]).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]

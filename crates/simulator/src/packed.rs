@@ -5,8 +5,8 @@ use differential_equations::traits::State;
 /// The most states that [`Short`] holds.
 pub(crate) const SHORT: usize = 24;
 
-/// A few states in place: the integrator copies states some fifty times a step, which takes a third longer where
-/// each copy is allocated.
+/// A few states in place: the integrator copies states some fifty times a step, which takes a third longer
+/// where each copy is allocated.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Short {
     length: usize,

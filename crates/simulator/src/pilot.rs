@@ -26,7 +26,8 @@ const EVERY_S: f64 = 8.0;
 /// Length of one of a manoeuvre's pulses.
 const PULSE_S: f64 = 0.35;
 
-/// The inputs that the pilot moves: speeds of the upper and lower rotor, swash-plate longitudinal and lateral.
+/// The inputs that the pilot moves: speeds of the upper and lower rotor, swash-plate longitudinal and
+/// lateral.
 const MOVED: [&str; 4] = ["omega_u", "omega_l", "delta_lon", "delta_lat"];
 
 /// What the pilot commands from a time on.

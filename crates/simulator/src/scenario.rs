@@ -33,7 +33,9 @@ pub struct Scenario {
     /// Rates p, q, r at the start.
     #[serde(default, skip_serializing_if = "are_zero")]
     pub rates_deg_s: [f64; 3],
-    /// What is done; movements of one input add.
+    /// What is done; movements of one input add. May be left out: a thrown body has no inputs, and recorded
+    /// inputs may be flown instead.
+    #[serde(default)]
     pub maneuver: Vec<Maneuver>,
     /// Other objects in the room, and disturbances of the cameras.
     #[serde(default, skip_serializing_if = "Staging::is_empty")]
@@ -100,8 +102,8 @@ impl Scenario {
         self.maneuver.iter().try_for_each(Maneuver::check)
     }
 
-    /// The inputs of the vehicle's model, from 0 to at least the end of the flight: those of steady flight and
-    /// the manoeuvres.
+    /// The inputs of the vehicle's model, from 0 to at least the end of the flight: those of steady flight
+    /// and the manoeuvres.
     ///
     /// # Errors
     /// A scenario that is not valid, that moves an input which the model does not have, or further than the
@@ -140,8 +142,8 @@ impl Scenario {
         Ok(Controls { moved: moved.collect::<Result<_, _>>()?, trim, inputs: &model.inputs })
     }
 
-    /// Where the flight starts: where the scenario says, and with the further states that the model begins with
-    /// under the first inputs.
+    /// Where the flight starts: where the scenario says, and with the further states that the model begins
+    /// with under the first inputs.
     ///
     /// # Errors
     /// A scenario that moves an input which the model does not have.

@@ -22,14 +22,14 @@ pub struct InitialState {
 }
 
 impl InitialState {
-    /// At rest and level at the world's origin, with the further states that the model begins with under these
-    /// inputs, which are in the model's order.
+    /// At rest and level at the world's origin, with the further states that the model begins with under
+    /// these inputs, which are in the model's order.
     pub fn at_rest(vehicle: &Vehicle, inputs: &[f64]) -> Self {
         Self { further: vehicle.model.initial(&simulated_values(vehicle), inputs), ..Self::default() }
     }
 
-    /// The state as the equations of motion take it: position, level_from_body as w, x, y, z, velocity, rates,
-    /// further states.
+    /// The state as the equations of motion take it: position, level_from_body as w, x, y, z, velocity,
+    /// rates, further states.
     pub fn packed(&self) -> Vec<f64> {
         let (p, v, w) = (self.position_in_world_m, self.velocity_in_body_m_s, self.rates_rad_s);
         let q = self.attitude.level_from_body();

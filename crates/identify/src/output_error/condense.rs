@@ -71,8 +71,8 @@ impl Condensed {
         self.quadratic.view((0, 0), (n, n)).into_owned()
     }
 
-    /// The step of [start, parameters, nuisances, -1] to the minimum, and the squares that remain there, where
-    /// the steps of some parameters (by their places) are given.
+    /// The step of [start, parameters, nuisances, -1] to the minimum, and the squares that remain there,
+    /// where the steps of some parameters (by their places) are given.
     pub(crate) fn minimum(&self, given: &[(usize, f64)]) -> Option<(DVector<f64>, f64)> {
         let n = self.quadratic.ncols() - 1;
         let mut a = self.information();

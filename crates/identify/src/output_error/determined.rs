@@ -12,6 +12,33 @@ use nalgebra::DVector;
 /// A change by ten times a parameter's size must be seen by one standard deviation.
 const SEEN_SIZES: f64 = 10.0;
 
+/// Part of a parameter's size by which the next step of a fit that has not converged moves it, to be named.
+const MOVING: f64 = 0.1;
+
+impl Fitter<'_> {
+    /// Why the fit ended early.
+    pub(super) fn not_converged(&self, tightness: f64) -> IdentifyError {
+        let (iterations, promise) = (self.iterations, self.promise);
+        let model = &self.point.model;
+        let names = |of: &dyn Fn(usize, ModelParameter) -> bool| {
+            let named = model.free().iter().enumerate().filter(|(k, p)| of(*k, **p));
+            named.map(|(_, p)| model.name(*p).to_owned()).collect()
+        };
+        let step = self.condensed(tightness, 0.0).ok().and_then(|c| c.minimum(&[]));
+        let sizes = typical_sizes(self);
+        let moves = |k: usize| {
+            step.as_ref().is_some_and(|(step, _)| step[self.at.tangent + k].abs() > MOVING * sizes[k])
+        };
+        IdentifyError::FitNotConverged {
+            iterations,
+            squares: self.at.merit(tightness),
+            promise,
+            at_bounds: names(&|_, p| model.is_at_bound(p)),
+            moving: names(&|k, p| moves(k) && !model.is_at_bound(p)),
+        }
+    }
+}
+
 /// Sizes of the free parameters below which an uncertainty is worth having: the value, at the start or now,
 /// or what makes an acceleration of a hundredth of gravity; 10 ms for the lag.
 ///

@@ -153,11 +153,6 @@ impl<'a> Fitter<'a> {
         Ok(Linear::new(&self.at, &self.condensed(tightness, 0.0)?))
     }
 
-    pub(super) fn not_converged(&self, tightness: f64) -> IdentifyError {
-        let (iterations, promise) = (self.iterations, self.promise);
-        IdentifyError::FitNotConverged { iterations, squares: self.at.merit(tightness), promise }
-    }
-
     pub(crate) fn free(&self) -> &[ModelParameter] {
         self.point.model.free()
     }
@@ -227,8 +222,8 @@ impl<'a> Fitter<'a> {
 
     /// The point after a step; `promise` becomes the predicted decrease of the squares.
     ///
-    /// A parameter that would leave its bounds goes to its bound, and the others to where the squares are then
-    /// least (an active set; Nocedal & Wright 2006, section 16.5).
+    /// A parameter that would leave its bounds goes to its bound, and the others to where the squares are
+    /// then least (an active set; Nocedal & Wright 2006, section 16.5).
     fn step(&mut self, tightness: f64, damping: f64) -> Option<Point> {
         let condensed = self.condensed(tightness, damping).ok()?;
         let mut at_bound: Vec<(usize, f64)> = Vec::new();

@@ -64,7 +64,8 @@ pub struct FlightFits {
     pub refusals: Vec<String>,
     /// First and last time of what was fitted, where that is less than the flight.
     pub stretch_s: Option<(f64, f64)>,
-    /// Coefficients of equation error over the parameters of the same names ([`Model::equation_over_motion`]).
+    /// Coefficients of equation error over the parameters of the same names
+    /// ([`Model::equation_over_motion`]).
     equation_over_motion: Vec<(String, f64)>,
 }
 

@@ -213,6 +213,13 @@ impl FlightModel {
         }
     }
 
+    /// Whether a parameter lies at a bound.
+    pub(crate) fn is_at_bound(&self, parameter: ModelParameter) -> bool {
+        let ModelParameter::Parameter(k) = parameter else { return false };
+        let (value, p) = (self.values[k], &self.model.parameters[k]);
+        value <= p.min || value >= p.max
+    }
+
     /// Whether all free parameters are finite and within their bounds.
     pub(crate) fn is_physical(&self) -> bool {
         self.free.iter().all(|p| self.is_within_bounds(*p))
@@ -274,7 +281,7 @@ fn are_moved(inputs: &InputSeries, own: &[usize]) -> bool {
         let (low, high) = (column.min(), column.max());
         high - low > 1e-9 * high.abs().max(1.0)
     };
-    let each = values.column_iter().all(|column| moves(column));
+    let each = values.column_iter().all(moves);
     each && (own.len() < 2
         || independent_columns(&values, &vec![0.0; own.len()]).independent.len() == own.len())
 }

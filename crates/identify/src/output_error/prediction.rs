@@ -15,10 +15,10 @@ use std::f64::consts::PI;
 
 /// Flies the fitted model through the part of a flight in which the poses lie, in one piece.
 ///
-/// Of that part only its start is found (position, attitude, velocity, rates and further states): no parameter of
-/// the model is. This is how prediction is judged where the start of a record is not known (Klein & Morelli
-/// 2006, section 11.3). What an unstable aircraft does with a small error of the start grows with the length
-/// of the part, so that a few seconds are what it can be judged by.
+/// Of that part only its start is found (position, attitude, velocity, rates and further states): no
+/// parameter of the model is. This is how prediction is judged where the start of a record is not known
+/// (Klein & Morelli 2006, section 11.3). What an unstable aircraft does with a small error of the start grows
+/// with the length of the part, so that a few seconds are what it can be judged by.
 ///
 /// # Errors
 /// Those of [`super::output_error`] for too few poses, inputs that do not cover them, or no convergence.

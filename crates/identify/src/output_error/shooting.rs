@@ -36,7 +36,8 @@ impl Point {
 }
 
 impl Point {
-    /// Free parameters that a step would take beyond their bounds, by their places, and the steps to the bound.
+    /// Free parameters that a step would take beyond their bounds, by their places, and the steps to the
+    /// bound.
     pub(crate) fn beyond_bounds(&self, step: &DVector<f64>, tangent: usize) -> Vec<(usize, f64)> {
         let free = self.model.free().iter().enumerate();
         free.filter_map(|(k, p)| Some((k, self.model.step_to_bound(*p, step[tangent + k])?))).collect()
@@ -255,7 +256,8 @@ impl Shooting<'_> {
         Ok(())
     }
 
-    /// The start and parameters are known as well as the priors say, each nuisance is a standard normal number.
+    /// The start and parameters are known as well as the priors say, each nuisance is a standard normal
+    /// number.
     fn prior(&self, point: &Point) -> DMatrix<f64> {
         let (tangent, k) = (self.equations.tangent(), point.nuisances.len());
         let m = tangent + point.model.free().len();

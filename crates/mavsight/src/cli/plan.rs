@@ -49,8 +49,8 @@ pub(crate) struct PlanManoeuvre {
     /// Length of the built-in manoeuvres' flights, s
     #[arg(long, value_name = "SECONDS", default_value_t = 10.0)]
     pub(crate) duration: f64,
-    /// Inputs of the vehicle's model that are moved: the first by the built-in manoeuvres, all by the optimised
-    /// multisine; delta_lon, or else the first of the model, where left out
+    /// Inputs of the vehicle's model that are moved: the first by the built-in manoeuvres, all by the
+    /// optimised multisine; delta_lon, or else the first of the model, where left out
     #[arg(long, value_name = "NAMES", value_delimiter = ' ')]
     pub(crate) input: Vec<String>,
     /// Largest change of an input that is an angle, degrees
@@ -59,8 +59,8 @@ pub(crate) struct PlanManoeuvre {
     /// Largest bank and pitch, degrees
     #[arg(long, value_name = "DEGREES", default_value_t = 25.0)]
     pub(crate) max_tilt: f64,
-    /// Parameters that the multisine is optimised for; where left out, C_m,0 C_m,alpha_u C_m,alpha_l C_m,q of a
-    /// coaxial helicopter, and all that are free of another aircraft
+    /// Parameters that the multisine is optimised for; where left out, C_m,0 C_m,alpha_u C_m,alpha_l C_m,q of
+    /// a coaxial helicopter, and all that are free of another aircraft
     #[arg(long, value_name = "NAMES", value_delimiter = ' ')]
     pub(crate) parameters: Vec<String>,
     /// Least determinant of their covariance (d), or least sum of relative variances (a)

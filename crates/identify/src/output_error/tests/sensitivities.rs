@@ -68,8 +68,8 @@ fn sensitivities_match_numeric_ones() {
     let scenario = multisine(3.0);
     let (inputs, _) = flown(&vehicle, &scenario);
     let labels = vehicle.model.parameters.iter().map(|p| p.label.as_str());
-    // Products of inertia change nothing about a state without rates in their plane, and air acts by its density
-    // through the reference speed as well.
+    // Products of inertia change nothing about a state without rates in their plane, and air acts by its
+    // density through the reference speed as well.
     let all: Vec<&str> = labels.chain(["input_lag_s"]).collect();
     let mut model = true_model(&vehicle, &inputs).with_free(&all).expect("names");
     // Off the raster, so that no change of the inputs coincides with the ends.
