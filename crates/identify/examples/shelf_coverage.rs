@@ -1,13 +1,13 @@
 //! How often 95 % intervals of output error hold the truth, over simulated flights of a model of the shelf.
 //!
-//! `cargo run --release -p mavsight-identify --example shelf_coverage -- quadrotor 200`: the name is that of a
-//! folder of docs/shelf, the number that of the flights.
+//! `cargo run --release -p mavsight-identify --example shelf_coverage -- quadrotor 200`: the name is of a folder
+//! of docs/shelf, the number that of the flights.
 //!
 //! The aircraft flies once, at its truth; each fit sees this flight with white errors of its own, and starts
-//! from values that are off by up to a tenth. Where the model has prior knowledge of a parameter (`prior_std`),
-//! that of each fit is drawn: off the truth by a normal error of that standard deviation. Truths drawn about
-//! one prior would say the same of intervals, but commands that are played back suit one truth alone. Seeds
-//! are fixed.
+//! from values that are off by up to a tenth. Where the model has prior knowledge of a parameter
+//! (`prior_std`), that of each fit is drawn: off the truth by a normal error of that standard deviation. Truths
+//! drawn about one prior would say the same of intervals, but commands that are played back suit one truth
+//! alone. Seeds are fixed.
 
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::{Isometry3, Matrix6, UnitQuaternion, Vector3};
@@ -35,12 +35,13 @@ struct Noise {
 
 impl Noise {
     /// Cameras in a room; for what flies outside, satellite navigation with carrier phase and an attitude
-    /// reference; for what flies through kilometres, satellite navigation alone.
+    /// reference; for the longest flight, satellite navigation alone.
     fn of(name: &str) -> Self {
         let (position_m, turn_deg) = match name {
             "fixed-wing-longitudinal" | "fixed-wing-lateral" => (0.02, 0.3),
             "unstable-short-period" => (0.02, 0.05),
-            "hfb320" | "attas-lateral" => (0.5, 0.1),
+            "attas-lateral" => (0.02, 0.1),
+            "hfb320" => (0.5, 0.1),
             _ => (5e-4, 0.05),
         };
         Self { position_m, turn_deg }
@@ -212,8 +213,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// A line for each parameter: the share of intervals that hold the truth, the mean and the root mean square of
-/// the error over the stated standard deviation, that standard deviation, the truth, and the share of fits
+/// A line for each parameter: the share of intervals that hold the truth, the mean and the root mean square
+/// of the error over the stated standard deviation, that standard deviation, the truth, and the share of fits
 /// that call it determined.
 fn print_table(flown: &Flown, shares: &[Share], fits: f64) {
     println!(
