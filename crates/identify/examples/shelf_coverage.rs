@@ -1,7 +1,7 @@
 //! How often 95 % intervals of output error hold the truth, over simulated flights of a model of the shelf.
 //!
-//! `cargo run --release -p mavsight-identify --example shelf_coverage -- quadrotor 200`: the name is that of
-//! a folder of docs/shelf, the number that of the flights.
+//! `cargo run --release -p mavsight-identify --example shelf_coverage -- quadrotor 200`: the name of a folder
+//! of docs/shelf, the number of flights.
 //!
 //! The aircraft flies once, at its truth; each fit sees this flight with white errors of its own, and starts
 //! from values that are off by up to a tenth. Where the model has prior knowledge of a parameter
@@ -35,12 +35,13 @@ struct Noise {
 
 impl Noise {
     /// Cameras in a room; for what flies outside, satellite navigation with carrier phase and an attitude
-    /// reference; for what flies through kilometres, satellite navigation alone.
+    /// reference; for the longest flight, satellite navigation alone.
     fn of(name: &str) -> Self {
         let (position_m, turn_deg) = match name {
             "fixed-wing-longitudinal" | "fixed-wing-lateral" => (0.02, 0.3),
             "unstable-short-period" => (0.02, 0.05),
-            "hfb320" | "attas-lateral" => (0.5, 0.1),
+            "attas-lateral" => (0.02, 0.1),
+            "hfb320" => (0.5, 0.1),
             _ => (5e-4, 0.05),
         };
         Self { position_m, turn_deg }

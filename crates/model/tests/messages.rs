@@ -140,7 +140,7 @@ const CASES: &[(&str, &str, &str)] = &[
     (
         "when = \"excited\"",
         "when = \"moved\"",
-        "line 41, column 8: `when` must be \"excited\", but is `moved`",
+        "line 41, column 8: `when` must be always or excited, but is `moved`",
     ),
     (
         "fixed = { u = -0.1 }",
