@@ -112,7 +112,7 @@ pub fn delayed(inputs: &InputSeries, lag_s: f64) -> Result<InputSeries, Identify
 /// Valid for a model that holds: a time constant that is longer than the vehicle file says looks like a lag.
 ///
 /// # Errors
-/// Those of [`coefficients`].
+/// Those of [`crate::coefficients`].
 pub fn estimate_lag(
     motion: &Motion,
     inputs: &InputSeries,
