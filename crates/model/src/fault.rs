@@ -197,19 +197,19 @@ pub enum Fault {
     #[error("table `{0}` needs as many y as x, at least two, finite, x increasing")]
     Table(String),
     /// A model that has no value at its start.
-    #[error("{what} is {value} {start}: keep divisors and arguments of sqrt and log above zero there")]
+    #[error(
+        "{what} is {value} at the start of the flight: keep divisors and arguments of sqrt and log above zero there"
+    )]
     NotFinite {
         /// What has no value.
         what: String,
         /// The value.
         value: f64,
-        /// The state in which it has none.
-        start: &'static str,
     },
     /// A state that changes faster than the integrator follows.
     #[error(
-        "{what} follows with a time constant of {time_s:.2e} s at the start, and nothing faster than \
-         {shortest_s:.2e} s can be integrated: make it slower, or replace it by the value it runs to"
+        "{what} follows with a time constant of {time_s:.2e} s, and nothing faster than {shortest_s:.2e} s can be \
+         integrated: make it slower, or replace it by the value it runs to"
     )]
     TooFast {
         /// The state.

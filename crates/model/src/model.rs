@@ -1,12 +1,10 @@
 //! A flight model: what a file says, checked.
 
-use crate::fault::{Fault, ModelError};
 use crate::graph::{Graph, Node, Variable};
 use crate::program::Program;
-use crate::rigid_body::RIGID_STATES;
+use crate::rigid_body::{BODY_PARAMETERS, RIGID_STATES};
 use crate::unit::Unit;
 use std::collections::HashMap;
-use std::sync::Arc;
 
 /// An input of the aircraft.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -156,24 +154,6 @@ pub struct Model {
     pub equations: Vec<Equation>,
     pub(crate) graph: Graph,
     pub(crate) nodes: Nodes,
-    pub(crate) origin: Origin,
-}
-
-/// The file that a model is from, for faults that show only with the values of an aircraft.
-#[derive(Debug, Clone, Default)]
-pub(crate) struct Origin {
-    file: Arc<str>,
-    text: Arc<str>,
-}
-
-impl Origin {
-    pub(crate) fn new(file: &str, text: &str) -> Self {
-        Self { file: file.into(), text: text.into() }
-    }
-
-    pub(crate) fn fault<T>(&self, at: usize, fault: Fault) -> Result<T, ModelError> {
-        Err(ModelError::at(&self.file, &self.text, at, fault))
-    }
 }
 
 /// Where expressions are in the file, in bytes.
@@ -230,7 +210,7 @@ pub struct Body {
 }
 
 impl Body {
-    fn values(&self) -> [f64; 9] {
+    fn values(&self) -> [f64; BODY_PARAMETERS.len()] {
         let [xx, yy, zz, xy, xz, yz] = self.inertia_kg_m2;
         [self.mass_kg, xx, yy, zz, xy, xz, yz, self.gravity_m_s2, self.air_density_kg_m3]
     }
@@ -266,7 +246,7 @@ impl Model {
     /// file the rest; a value that the file computes from others follows those.
     pub fn values(&self, body: &Body, given: impl Fn(&Parameter) -> Option<f64>) -> Vec<f64> {
         let mut out = vec![f64::NAN; self.parameters.len()];
-        out[..9].copy_from_slice(&body.values());
+        out[..BODY_PARAMETERS.len()].copy_from_slice(&body.values());
         for k in &self.nodes.value_order {
             out[*k] = match (given(&self.parameters[*k]), self.nodes.values[*k]) {
                 (Some(value), _) => value,

@@ -7,7 +7,7 @@ use crate::document::{Section, Source, Text, shown};
 use crate::fault::{Fault, ModelError};
 use crate::graph::{Node, Variable};
 use crate::lower::{ACCELERATIONS, Lower};
-use crate::model::{Axis, Equation, Model, Nodes, Origin, Parameter};
+use crate::model::{Axis, Equation, Model, Nodes, Parameter};
 use crate::rigid_body::{BODY_PARAMETERS, Load, RIGID_STATES, RigidBody, unit_of};
 use crate::unit::Unit;
 use entries::{Declared, declare};
@@ -88,7 +88,7 @@ impl Model {
 struct Reading<'a> {
     lower: Lower<'a>,
     declared: Declared,
-    body: [Node; 9],
+    body: [Node; BODY_PARAMETERS.len()],
     rigid: RigidBody,
     nodes: Nodes,
 }
@@ -120,7 +120,7 @@ impl<'a> Reading<'a> {
 
     fn model(mut self, root: &Section<'a>) -> Result<Model, ModelError> {
         let name = root.require("name")?.string()?;
-        let (origin, text) = (root.string("source")?, root.string("text")?);
+        let (source, text) = (root.string("source")?, root.string("text")?);
         self.nodes.definitions = self.lower.finish_definitions()?;
         let force = self.load(root, "forces", Unit::KILOGRAM.times(Unit::METRE))?;
         let moment = self.load(root, "moments", Unit::KILOGRAM.times(Unit::METRE.to_the(2.0)))?;
@@ -139,14 +139,12 @@ impl<'a> Reading<'a> {
         self.sensors()?;
         let equations = self.equations(root)?;
         let Declared { inputs, parameters, states, derived, sensors, .. } = self.declared.clone();
-        let source = origin.unwrap_or_default();
-        let text = text.unwrap_or_default();
         let model = Model {
             file: self.lower.source.file.to_owned(),
             definition: self.lower.source.text.to_owned(),
             name,
-            source,
-            text,
+            source: source.unwrap_or_default(),
+            text: text.unwrap_or_default(),
             inputs: inputs.into_iter().map(|d| d.item).collect(),
             parameters: parameters.into_iter().map(|d| d.item).collect(),
             states: states.into_iter().map(|d| d.item).collect(),
@@ -155,7 +153,6 @@ impl<'a> Reading<'a> {
             equations,
             graph: self.lower.graph,
             nodes: self.nodes,
-            origin: Origin::new(self.lower.source.file, self.lower.source.text),
         };
         check::derivatives_are_few(&model, self.lower.source)?;
         check::every_parameter_is_used(&model, &self.declared.parameters, self.lower.source)?;

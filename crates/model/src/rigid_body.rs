@@ -116,7 +116,12 @@ impl RigidBody {
     ///
     /// The quaternion's length is drawn back to one with a time constant of one second, which does not change
     /// the attitude.
-    pub(crate) fn accelerate(&self, graph: &mut Graph, body: &[Node; 9], load: &Load) -> Acceleration {
+    pub(crate) fn accelerate(
+        &self,
+        graph: &mut Graph,
+        body: &[Node; BODY_PARAMETERS.len()],
+        load: &Load,
+    ) -> Acceleration {
         let [mass, .., gravity, _] = *body;
         let rotation = self.rotation(graph);
         let level = rotation.map(|row| dot(graph, &row, &self.velocity));
@@ -157,7 +162,7 @@ impl RigidBody {
     }
 
     /// I⁻¹ (M - ω × I ω) by cofactors.
-    fn angular(&self, graph: &mut Graph, body: &[Node; 9], moment: Vector) -> Vector {
+    fn angular(&self, graph: &mut Graph, body: &[Node; BODY_PARAMETERS.len()], moment: Vector) -> Vector {
         let [_, xx, yy, zz, xy, xz, yz, ..] = *body;
         let [xy, xz, yz] = [xy, xz, yz].map(|product| graph.negate(product));
         let inertia = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]];

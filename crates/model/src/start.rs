@@ -1,14 +1,12 @@
 //! Whether a model can begin: with the values of one aircraft, finite and not too fast.
 
 use crate::dynamics::Dynamics;
+use crate::fastest::Fastest;
 use crate::fault::{Fault, ModelError};
 use crate::graph::{Graph, Node, Variable};
 use crate::model::{Freedom, Model};
 use crate::program::Program;
 use crate::rigid_body::RIGID_STATES;
-
-const AT_REST: &str = "at the start (trim inputs, zero velocity and rates, level)";
-const IN_FLIGHT: &str = "at the start of the flight";
 
 /// Inputs and a state with which a flight begins.
 #[derive(Debug, Clone, PartialEq)]
@@ -29,24 +27,16 @@ impl Model {
         Start { inputs, state }
     }
 
-    /// Refuses values of the parameters with which something is not finite at rest: a parameter, the trim,
+    /// Refuses values of the parameters with which something is not finite at a start: a parameter, the trim,
     /// the initial value of a state, a force, a moment, the derivative of a state, or their derivatives by
-    /// the states and by the parameters that may be free.
+    /// the states and by the parameters that may be free. A wing, which has no angle of attack at rest, needs
+    /// a start in flight.
     ///
     /// # Errors
     /// [`Fault::NotFinite`] with what is not finite, at its place in the file.
-    pub fn check(&self, values: &[f64]) -> Result<(), ModelError> {
-        self.check_numbers(values)?;
-        self.check_start(values, &self.at_rest(values), AT_REST)
-    }
-
-    /// The same at another start: a wing has no angle of attack at rest.
-    ///
-    /// # Errors
-    /// [`Fault::NotFinite`].
-    pub fn check_at(&self, values: &[f64], start: &Start) -> Result<(), ModelError> {
-        self.check_numbers(values)?;
-        self.check_start(values, start, IN_FLIGHT)
+    pub fn check(&self, values: &[f64], start: &Start) -> Result<(), ModelError> {
+        self.check_numbers(values, &start.inputs)?;
+        self.check_start(values, start)
     }
 
     /// Refuses a model that changes faster at a start than an integrator follows.
@@ -59,12 +49,24 @@ impl Model {
         let mut evaluation = dynamics.with(&[]);
         evaluation.set_inputs(&start.inputs);
         let fastest = evaluation.fastest(&start.state);
-        if fastest.time_s >= shortest_s {
-            return Ok(());
-        }
-        let place = fastest.state.checked_sub(RIGID_STATES).and_then(|k| self.nodes.places.states.get(k));
+        if fastest.time_s < shortest_s { Err(self.too_fast(fastest, shortest_s)) } else { Ok(()) }
+    }
+
+    /// The refusal of a motion that is faster than what can be integrated, at the place in the file of the
+    /// force, moment or derivative that moves its state.
+    pub fn too_fast(&self, fastest: Fastest, shortest_s: f64) -> ModelError {
+        let (places, axis) = (&self.nodes.places, |k: usize| ["x", "y", "z"][k % 3]);
+        let place = match fastest.state {
+            k @ 7..=9 => places.loads.get(&format!("{} of [forces]", axis(k - 7))),
+            k @ 10..=12 => places.loads.get(&format!("{} of [moments]", axis(k - 10))),
+            k => k.checked_sub(RIGID_STATES).and_then(|own| places.states.get(own)),
+        };
         let (what, time_s) = (self.state_name(fastest.state), fastest.time_s);
-        self.origin.fault(place.copied().unwrap_or(0), Fault::TooFast { what, time_s, shortest_s })
+        self.fault(place.copied().unwrap_or(0), Fault::TooFast { what, time_s, shortest_s })
+    }
+
+    fn fault(&self, at: usize, fault: Fault) -> ModelError {
+        ModelError::at(&self.file, &self.definition, at, fault)
     }
 
     /// The name of a state in messages.
@@ -77,29 +79,24 @@ impl Model {
         }
     }
 
-    fn check_numbers(&self, values: &[f64]) -> Result<(), ModelError> {
+    fn check_numbers(&self, values: &[f64], inputs: &[f64]) -> Result<(), ModelError> {
         let places = &self.nodes.places;
         for (k, (value, parameter)) in values.iter().zip(&self.parameters).enumerate() {
             let what = format!("the value of {}", parameter.name);
-            self.finite(what, *value, places.parameters[k], "in this aircraft")?;
+            self.finite(what, *value, places.parameters[k])?;
         }
-        let trim = self.trim(values);
-        for (k, value) in trim.iter().enumerate() {
-            self.finite(format!("the trim of {}", self.inputs[k].name), *value, places.inputs[k], AT_REST)?;
+        for (k, value) in self.trim(values).into_iter().enumerate() {
+            self.finite(format!("the trim of {}", self.inputs[k].name), value, places.inputs[k])?;
         }
-        for (k, value) in self.initial(values, &trim).into_iter().enumerate() {
+        for (k, value) in self.initial(values, inputs).into_iter().enumerate() {
             let what = format!("the initial value of {}", self.states[k].name);
-            self.finite(what, value, places.initial[k], AT_REST)?;
+            self.finite(what, value, places.initial[k])?;
         }
         Ok(())
     }
 
-    fn finite(&self, what: String, value: f64, at: usize, start: &'static str) -> Result<(), ModelError> {
-        if value.is_finite() {
-            Ok(())
-        } else {
-            self.origin.fault(at, Fault::NotFinite { what, value, start })
-        }
+    fn finite(&self, what: String, value: f64, at: usize) -> Result<(), ModelError> {
+        if value.is_finite() { Ok(()) } else { Err(self.fault(at, Fault::NotFinite { what, value })) }
     }
 
     /// What a flight integrates, with names and places: components of the load, derivatives of further
@@ -114,7 +111,7 @@ impl Model {
         loads.chain(own).collect()
     }
 
-    fn check_start(&self, values: &[f64], start: &Start, words: &'static str) -> Result<(), ModelError> {
+    fn check_start(&self, values: &[f64], start: &Start) -> Result<(), ModelError> {
         let integrated = self.integrated();
         let nodes: Vec<Node> = integrated.iter().map(|(.., node)| *node).collect();
         let evaluate = |graph: &Graph, nodes: &[Node]| {
@@ -125,7 +122,7 @@ impl Model {
             program.outputs(&registers).collect::<Vec<f64>>()
         };
         for ((what, at, _), value) in integrated.iter().zip(evaluate(&self.graph, &nodes)) {
-            self.finite(what.clone(), value, *at, words)?;
+            self.finite(what.clone(), value, *at)?;
         }
         let states = (0..self.state_count()).map(|k| (Variable::State(k), self.state_name(k)));
         let may_be_free = |k: &usize| {
@@ -141,12 +138,12 @@ impl Model {
             names.extend(integrated.iter().map(|(what, at, _)| (what, *at, by.clone())));
         }
         for (value, (what, at, by)) in evaluate(&graph, &slopes).into_iter().zip(names) {
-            self.finite(format!("the slope of {what} over {by}"), value, at, words)?;
+            self.finite(format!("the slope of {what} over {by}"), value, at)?;
         }
         // The load is finite: what is left is the body's mass and inertia.
         for (k, rate) in evaluate(&self.graph, &self.nodes.rates[..RIGID_STATES]).into_iter().enumerate() {
             let what = format!("the rate of change of {}, with this mass and inertia,", self.state_name(k));
-            self.finite(what, rate, 0, words)?;
+            self.finite(what, rate, 0)?;
         }
         Ok(())
     }

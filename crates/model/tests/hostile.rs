@@ -199,9 +199,9 @@ fn read(text: &str) -> Option<Duration> {
             let begin = Instant::now();
             let free: Vec<usize> = (0..model.parameters.len()).collect();
             let dynamics = Dynamics::new(&model, &values, &free);
-            let _ = model.check(&values);
-            let mut rates = vec![0.0; dynamics.states()];
             let start = model.at_rest(&values);
+            let _ = model.check(&values, &start);
+            let mut rates = vec![0.0; dynamics.states()];
             let mut evaluation = dynamics.with(&values);
             evaluation.set_inputs(&start.inputs);
             evaluation.linearise(&start.state, &mut rates);

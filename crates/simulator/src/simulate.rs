@@ -89,7 +89,7 @@ impl Simulator {
             return error;
         }
         let (model, values) = (&self.model, &self.values);
-        let cause = model.check_at(values, begin);
+        let cause = model.check(values, begin);
         let cause = cause.and_then(|()| model.check_speed(values, begin, SHORTEST_S));
         cause.map_or_else(|cause| FlightError::ModelFile(cause).into(), |()| error)
     }
