@@ -39,6 +39,16 @@ pub enum FlightError {
         /// The nearest parameters.
         near: Vec<String>,
     },
+    /// A value among the model's parameters that has a key of its own.
+    #[error(
+        "[parameters] gives {name}, which the vehicle file has as {key}: give it there, and remove it here"
+    )]
+    OfTheBody {
+        /// Name.
+        name: String,
+        /// Key in the vehicle file.
+        key: &'static str,
+    },
     /// A flight model that cannot be read.
     #[error(
         "the vehicle's model {name:?} cannot be read ({detail}): name a file beside the vehicle file, or one of the shelf: {shelf}"

@@ -8,7 +8,7 @@ pub use file::VehicleFile;
 
 use crate::{Color, FlightError};
 use mavsight_geometry::{Vector3, rigid_fit};
-use mavsight_model::{Body, Model, RIGID_STATES};
+use mavsight_model::{BODY_PARAMETERS, Body, Model, RIGID_STATES};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -36,6 +36,19 @@ pub struct Environment {
     /// g.
     pub gravity_m_s2: f64,
 }
+
+/// The key of each of [`BODY_PARAMETERS`].
+const BODY_KEYS: [&str; BODY_PARAMETERS.len()] = [
+    "mass_kg",
+    "inertia_kg_m2[0]",
+    "inertia_kg_m2[1]",
+    "inertia_kg_m2[2]",
+    "products_of_inertia_kg_m2[0]",
+    "products_of_inertia_kg_m2[1]",
+    "products_of_inertia_kg_m2[2]",
+    "environment.gravity_m_s2",
+    "environment.air_density_kg_m3",
+];
 
 /// Moments of inertia that were measured may break the triangle's law by their errors.
 const INERTIA_TOLERANCE: f64 = 0.05;
@@ -112,8 +125,8 @@ impl Vehicle {
         rigid.iter().map(|name| (*name).to_owned()).chain(further).collect()
     }
 
-    /// Checks that every constant makes sense, that values belong to parameters of the model, and that
-    /// markers are distinguished by name, of which tables make lists. Markers may share a colour; whether
+    /// Checks that every constant makes sense, that values belong to parameters of the model and not to the
+    /// body, and that markers are distinguished by name, of which tables make lists. Markers may share a colour; whether
     /// their places distinguish them is decided where they are observed.
     ///
     /// # Errors
@@ -160,6 +173,10 @@ impl Vehicle {
             let (name, model) = (name.to_owned(), self.model.name.clone());
             return Err(FlightError::UnknownParameter { section: section.to_owned(), name, model, near });
         };
+        // The simulation alone may have a mass of its own.
+        if let ("parameters", Some(key)) = (section, BODY_KEYS.get(k)) {
+            return Err(FlightError::OfTheBody { name: name.to_owned(), key });
+        }
         let p = &self.model.parameters[k];
         if !value.is_finite() || value < p.min || value > p.max {
             let key = format!("{section}.{name}");

@@ -41,6 +41,25 @@ fn the_papers_vehicle_is_valid_and_each_constant_is_checked() {
     assert_eq!(vehicle.validate(), Err(FlightError::TooFewMarkers(2)));
 }
 
+/// Mass, inertia, gravity and density have keys of their own; the simulation alone may have others.
+#[test]
+fn values_of_the_body_among_the_parameters_are_refused_with_their_keys() {
+    for (name, key) in [
+        ("mass", "mass_kg"),
+        ("I_yy", "inertia_kg_m2[1]"),
+        ("I_xz", "products_of_inertia_kg_m2[1]"),
+        ("I_yz", "products_of_inertia_kg_m2[2]"),
+        ("g", "environment.gravity_m_s2"),
+        ("rho", "environment.air_density_kg_m3"),
+    ] {
+        let mut vehicle = Vehicle::paper();
+        vehicle.simulation.insert(name.to_owned(), 0.9);
+        assert_eq!(vehicle.validate(), Ok(()));
+        vehicle.parameters.insert(name.to_owned(), 0.9);
+        assert_eq!(vehicle.validate(), Err(FlightError::OfTheBody { name: name.to_owned(), key }));
+    }
+}
+
 const SCHEMA_1: &str = r##"
 name = "Lama 400D, modified"
 mass_kg = 0.8
