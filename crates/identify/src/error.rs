@@ -23,7 +23,8 @@ pub enum IdentifyError {
         /// Parameters of the model.
         parameters: usize,
     },
-    /// Inputs that do not cover the flight, or vehicle constants that make no sense.
+    /// Inputs that do not cover the flight, vehicle constants that make no sense, or a flight model that has
+    /// no value or is too fast at its start.
     #[error(transparent)]
     Flight(#[from] mavsight_flight::FlightError),
     /// A state that follows the motion cannot be integrated over times without it.
@@ -148,18 +149,6 @@ pub enum IdentifyError {
         value: f64,
         /// What it must be.
         must: &'static str,
-    },
-    /// Equations that change faster than can be followed.
-    #[error(
-        "the equations of motion at {t_s:.3} s ask for steps of {step_s:.1e} s, but no shorter ones than {shortest_s:.0e} s are flown: give the fast state's time constant a larger value or bound, or leave that state out of the model"
-    )]
-    Stiff {
-        /// Time.
-        t_s: f64,
-        /// Step that they need.
-        step_s: f64,
-        /// Shortest step.
-        shortest_s: f64,
     },
     /// Times of measurements must increase.
     #[error(

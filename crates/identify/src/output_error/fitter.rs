@@ -7,8 +7,8 @@ use super::options::{InitialStates, OutputErrorOptions};
 use super::shooting::{Evaluation, ParameterPrior, Point, Shooting, gap_std};
 use crate::IdentifyError;
 use crate::inverse::inverse;
-use mavsight_flight::InputSeries;
-use mavsight_model::{FurtherState, RIGID_STATES};
+use mavsight_flight::{FlightError, InputSeries};
+use mavsight_model::{FurtherState, RIGID_STATES, Start};
 use nalgebra::DVector;
 
 /// Tightness of the gaps: loose enough for any start, then far below what is measured. With the last one a
@@ -100,7 +100,7 @@ impl<'a> Fitter<'a> {
             gap_std: gap_std(further),
         };
         let point = Point { model, nuisances: DVector::zeros(measurements.nuisances()), starts };
-        let at = problem.evaluate(&point)?;
+        let at = problem.evaluate(&point).map_err(|error| explained(error, &point, input))?;
         let (rows, unknown) = (at.places.len(), point.model.free().len() + problem.equations.tangent());
         if rows <= unknown {
             return Err(IdentifyError::TooFewInstants { found: rows, parameters: unknown });
@@ -239,6 +239,14 @@ impl<'a> Fitter<'a> {
             at_bound.extend(more);
         }
     }
+}
+
+/// Why a flight runs away, where that shows at its start: what is not finite there.
+fn explained(error: IdentifyError, point: &Point, inputs: &[f64]) -> IdentifyError {
+    let IdentifyError::RanAway(_) = error else { return error };
+    let start = Start { inputs: inputs.to_vec(), state: point.starts[0].clone() };
+    let cause = point.model.model().check(point.model.values(), &start);
+    cause.map_or_else(|cause| FlightError::ModelFile(cause).into(), |()| error)
 }
 
 /// Where a step began that has raised the squares.

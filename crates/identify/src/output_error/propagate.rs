@@ -2,7 +2,7 @@
 
 use super::model::Equations;
 use mavsight_flight::InputSeries;
-use mavsight_model::Evaluation;
+use mavsight_model::{Evaluation, Fastest};
 use nalgebra::{DMatrix, Matrix3, Quaternion, UnitQuaternion, Vector3};
 use std::ops::Range;
 
@@ -11,6 +11,8 @@ pub(crate) const SEEN: usize = 6;
 
 /// Steps per time constant, at least: the error of a step is then (1/5)⁵/120 of the transient.
 const STEPS_PER_TIME_CONSTANT: f64 = 5.0;
+/// What follows faster cannot be flown in the time that a user waits.
+pub(crate) const SHORTEST_TIME_CONSTANT_S: f64 = 1e-4;
 const SAME_TIME_S: f64 = 1e-9;
 
 #[derive(Debug, Clone, Copy)]
@@ -67,13 +69,19 @@ impl Raster<'_> {
     }
 }
 
-/// The longest step that follows the equations at a state: a part of the shortest time constant there, that
-/// of the largest derivative of a state's rate by the state itself.
-pub(crate) fn longest_step_s(evaluation: &mut Evaluation<'_>, y: &[f64]) -> f64 {
+/// The state of the shortest time constant at a state: that of the largest derivative of a state's rate by
+/// the state itself.
+pub(crate) fn fastest(evaluation: &mut Evaluation<'_>, y: &[f64]) -> Fastest {
     evaluation.linearise(y, &mut vec![0.0; y.len()]);
     let own = evaluation.by_state().filter(|slope| slope.row == slope.column);
-    let fastest = own.map(|slope| slope.value.abs()).fold(0.0, f64::max);
-    1.0 / (STEPS_PER_TIME_CONSTANT * fastest)
+    own.map(|slope| Fastest { state: slope.row, time_s: slope.value.abs().recip() })
+        .min_by(|a, b| a.time_s.total_cmp(&b.time_s))
+        .unwrap_or(Fastest { state: 0, time_s: f64::INFINITY })
+}
+
+/// The longest step that follows a motion.
+pub(crate) fn longest_step_s(fastest: Fastest) -> f64 {
+    fastest.time_s / STEPS_PER_TIME_CONSTANT
 }
 
 /// A state and its derivative with respect to where it started and to the free parameters.

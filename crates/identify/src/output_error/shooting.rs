@@ -3,10 +3,12 @@
 
 use super::measure::Measurements;
 use super::model::{Equations, FlightModel};
-use super::propagate::{Propagator, Raster, SEEN, difference, longest_step_s, moved};
+use super::propagate::{
+    Propagator, Raster, SEEN, SHORTEST_TIME_CONSTANT_S, difference, fastest, longest_step_s, moved,
+};
 use super::row::Row;
 use crate::IdentifyError;
-use mavsight_flight::InputSeries;
+use mavsight_flight::{FlightError, InputSeries};
 use mavsight_model::FurtherState;
 use nalgebra::{DMatrix, DVector, DVectorView};
 
@@ -85,9 +87,6 @@ pub(crate) fn gap_std(further: &[FurtherState]) -> DVector<f64> {
         rigid.into_iter().chain(further.iter().map(|s| 5.0 * s.size)),
     )
 }
-
-/// Steps that would be shorter cannot be flown in the time that a user waits.
-const SHORTEST_STEP_S: f64 = 2e-5;
 
 /// A segment about a point. Its variables are its start, parameters, nuisances and -1.
 pub(crate) struct Segment {
@@ -188,14 +187,15 @@ impl Shooting<'_> {
         let (from, to) = (self.bounds[s], self.bounds[s + 1] - usize::from(last));
         let begin = self.raster(&point.model, f64::INFINITY).input_at(self.times_s[from]);
         evaluation.set_inputs(self.inputs.row(begin));
-        let raster = self.raster(&point.model, longest_step_s(evaluation, start));
+        let fastest = fastest(evaluation, start);
+        if fastest.time_s < SHORTEST_TIME_CONSTANT_S {
+            let refused = point.model.model().too_fast(fastest, SHORTEST_TIME_CONSTANT_S);
+            return Err(FlightError::ModelFile(refused).into());
+        }
+        let raster = self.raster(&point.model, longest_step_s(fastest));
         let mut flyer = Propagator::new(&self.equations, start);
         let mut rows = Vec::new();
         self.see(&flyer, from, point, &mut rows, out)?;
-        if raster.longest_s < SHORTEST_STEP_S {
-            let (t_s, step_s) = (self.times_s[from], raster.longest_s);
-            return Err(IdentifyError::Stiff { t_s, step_s, shortest_s: SHORTEST_STEP_S });
-        }
         // The instant at which the next segment starts belongs to that.
         let instants = from + 1..to + usize::from(last);
         for step in raster.steps(self.times_s[from], self.times_s[to], instants) {

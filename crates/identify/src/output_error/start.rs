@@ -2,7 +2,7 @@
 
 use super::fitter::{Begin, LONGEST_STEP_S, Recorded};
 use super::model::{Equations, FlightModel};
-use super::propagate::{Raster, longest_step_s};
+use super::propagate::{Raster, SHORTEST_TIME_CONSTANT_S, fastest, longest_step_s};
 use crate::IdentifyError;
 use mavsight_flight::InputSeries;
 use mavsight_geometry::{Isometry3, Matrix3, Vector3, world_from_level};
@@ -175,7 +175,8 @@ fn states(
         if opposite {
             to[3..7].iter_mut().for_each(|q| *q = -*q);
         }
-        let longest_s = LONGEST_STEP_S[0].min(longest_step_s(&mut evaluation, &out[k - 1])).max(1e-4);
+        let follows_s = longest_step_s(fastest(&mut evaluation, &out[k - 1]));
+        let longest_s = LONGEST_STEP_S[0].min(follows_s).max(SHORTEST_TIME_CONSTANT_S);
         let mut now_s = t_s[k - 1];
         for step in (Raster { longest_s, ..raster }).steps(t_s[k - 1], t_s[k], k..k + 1) {
             evaluation.set_inputs(inputs.row(step.input));

@@ -2,8 +2,10 @@ use super::support::{flown, multisine, noisy_poses};
 use crate::IdentifyError;
 use crate::output_error::{FlightModel, Measurements, OutputErrorOptions, output_error};
 use mavsight_flight::{FlightError, InputSeries, Vehicle};
+use mavsight_model::Model;
 use mavsight_random::Random;
 use mavsight_simulator::Scenario;
+use std::sync::Arc;
 
 fn paper() -> (Vehicle, InputSeries, Measurements) {
     let vehicle = Vehicle::paper();
@@ -90,6 +92,34 @@ fn bad_models_are_named() {
     let nothing = model.with_free(&[]).expect("no names");
     let refused = output_error(&nothing, &inputs, &measured, &OutputErrorOptions::default());
     assert_eq!(refused, Err(IdentifyError::NothingFree));
+}
+
+#[test]
+fn models_that_cannot_be_flown_are_refused_at_their_place() {
+    let (mut vehicle, inputs, measured) = paper();
+    (vehicle.parameters, vehicle.simulation) = Default::default();
+    let mut refusal = |derivative: &str, force: &str, damping: f64| {
+        let text = format!(
+            "schema = 2\nname = \"test\"\n[inputs]\na = {{ column = \"delta_lon_rad\" }}\n\
+             [parameters]\nk = {{ value = 0.1, free = true }}\nd = {{ value = {damping:e} }}\n\
+             [states]\ns = {{ derivative = \"{derivative}\" }}\n[forces]\nx = \"{force} - d*u\"\n"
+        );
+        vehicle.model = Arc::new(Model::parse("test.toml", &text).expect("a model"));
+        let model = FlightModel::new(&vehicle, &inputs).expect("columns");
+        let refused = output_error(&model, &inputs, &measured, &OutputErrorOptions::default());
+        assert!(matches!(refused, Err(IdentifyError::Flight(FlightError::ModelFile(_)))), "{refused:?}");
+        refused.map_or_else(|error| error.to_string(), |_| String::new())
+    };
+    for (derivative, force, damping, says) in [
+        ("(a - s)/1e-5", "k*s", 0.1, "line 9, column 20: s follows with a time constant of 1.00e-5 s"),
+        ("(a - s)/0.1", "k*s", 1e5, "line 11, column 5: u follows with a time constant of 8.00e-6 s"),
+        ("(a - s)/0.1", "k*log(s - 9)", 0.1, "line 11, column 5: x of [forces] is NaN at the start of the"),
+        ("log(a - s - 9)", "k*s", 0.1, "line 9, column 20: the derivative of s is NaN at the start of the"),
+        ("(a - s)/0.1", "k*sqrt(s)", 0.1, "line 11, column 5: the slope of x of [forces] over s is inf"),
+    ] {
+        let found = refusal(derivative, force, damping);
+        assert!(found.starts_with(&format!("test.toml, {says}")), "{found}");
+    }
 }
 
 #[test]
