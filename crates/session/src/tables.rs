@@ -14,30 +14,19 @@ const CONTROL_COLUMNS: [&str; 6] = ["name", "x_m", "y_m", "z_m", "diameter_m", "
 /// Column of the control points that may be left out.
 const SURVEY_COLUMN: &str = "std_m";
 
-/// Reads `t_s` and every other column that holds numbers alone. A table with any of the columns that the
-/// vehicle's model reads ([`Vehicle::input_columns`]), or with no other column, must have them all.
+/// Reads `t_s` and every other column that holds numbers alone, in the order of the table. A table with any
+/// of the columns that the vehicle's model reads ([`Vehicle::input_columns`]), or with no other column, must
+/// have them all.
 ///
 /// # Errors
-/// Those of [`read_inputs_with`].
+/// Names the file, row and column; a column of the model that is not there, with those that are; times must
+/// increase.
 pub fn read_inputs(path: &Path, vehicle: &Vehicle) -> Result<InputSeries, SessionError> {
     let table = Table::read(path, "inputs")?;
     let own = vehicle.input_columns();
     let is_other = |name: &str| !name.is_empty() && name != TIME_COLUMN;
     let other_alone = table.names().any(is_other) && !table.names().any(|name| own.contains(&name));
-    inputs_of(&table, if other_alone { &[] } else { &own }, path)
-}
-
-/// Reads `t_s`, the columns that are needed, and every other column that holds numbers alone, in the order of
-/// the table.
-///
-/// # Errors
-/// Names the file, row and column; a needed column that is not there, with those that are; times must
-/// increase.
-pub fn read_inputs_with(path: &Path, needed: &[&str]) -> Result<InputSeries, SessionError> {
-    inputs_of(&Table::read(path, "inputs")?, needed, path)
-}
-
-fn inputs_of(table: &Table, needed: &[&str], path: &Path) -> Result<InputSeries, SessionError> {
+    let needed: &[&str] = if other_alone { &[] } else { &own };
     let column = |place: usize| table.rows().and_then(|rows| rows.map(|row| row.number(place)).collect());
     let times_s: Vec<f64> = column(table.column(TIME_COLUMN)?)?;
     for name in needed {

@@ -8,7 +8,7 @@ use common::{Folder, data};
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_model::Model;
 use mavsight_pipeline::{ControlPointRow, Refinement};
-use mavsight_session::tables::{read_control_pixels, read_control_points, read_inputs, read_inputs_with};
+use mavsight_session::tables::{read_control_pixels, read_control_points, read_inputs};
 use mavsight_session::{
     ControlSection, Session, SessionCamera, SessionFile, load_equations, load_vehicle, write_control_points,
     write_inputs, write_toml, write_vehicle,
@@ -306,15 +306,6 @@ fn every_column_of_numbers_is_an_input() {
     // Another aircraft's table has none of the helicopter's columns.
     let series = read("t_s,omega_1,omega_2\n0,1,2\n0.5,3,4\n").unwrap();
     assert_eq!((series.names().len(), series.column("omega_2").unwrap()), (2, vec![2.0, 4.0]));
-    // What a model needs must be there, and must be numbers.
-    let needs = |content: &str| read_inputs_with(&folder.write("t.csv", content), &["omega_2"]);
-    let two = "t_s,omega_1,omega_2\n0,1,2\n0.5,3,4\n";
-    assert_eq!(needs(two).unwrap(), series);
-    has(&needs("t_s,omega_1\n0,1\n1,3\n").unwrap_err().to_string(), &["t.csv", "\"omega_2\"", "omega_1"]);
-    has(
-        &needs(&two.replace("3,4", "3,four")).unwrap_err().to_string(),
-        &["t.csv", "row 2", "omega_2", "four"],
-    );
     has(&read("t_s,a,a\n0,1,2\n1,2,3\n").unwrap_err().to_string(), &["t.csv", "two columns", "named a"]);
     // With some of them, the others are missed; with nothing else, all are.
     for header in ["t_s,omega_u_rad_s,omega_1\n0,1,2\n1,2,3\n", "t_s\n0\n1\n"] {
