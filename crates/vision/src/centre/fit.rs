@@ -244,9 +244,8 @@ impl Fitter {
                 }
                 if solved.length < SMALL_STEP && has_converged {
                     let Search { trust, prior, noise, range_px, .. } = &search;
-                    let (trust, p) = (trust, search.model.p);
-                    let (solved, left) = (&solved, &left);
-                    let end = End { stages, trust, noise: *noise, solved, left, p };
+                    let (noise, p) = (*noise, search.model.p);
+                    let end = End { stages, trust, noise, solved: &solved, left: &left, p };
                     return end.summarize(prior, *range_px);
                 }
             }

@@ -109,11 +109,7 @@ impl Scattered {
                 sum.store(out, part);
             }
         }
-        let mut totals = [0.0; 9];
-        for (sum, group) in totals.iter_mut().zip(&out) {
-            *sum = f64::from(total(*group));
-        }
-        totals
+        out.map(|group| f64::from(total(group)))
     }
 
     /// Sets what a plane leaves of the values, without sign.
