@@ -1,7 +1,7 @@
 //! The coaxial helicopter's equations of motion written by hand, with exact derivatives: a check of the model
 //! file and of its derivatives.
 
-#![allow(dead_code, missing_docs, unreachable_pub)]
+#![allow(dead_code, missing_docs, unreachable_pub, unused_imports)]
 
 mod linearise;
 
