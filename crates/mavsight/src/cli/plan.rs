@@ -50,7 +50,8 @@ pub(crate) struct PlanManoeuvre {
     #[arg(long, value_name = "SECONDS", default_value_t = 10.0)]
     pub(crate) duration: f64,
     /// Inputs of the vehicle's model that are moved: the first by the built-in manoeuvres, all by the
-    /// optimised multisine; delta_lon, or else the first of the model, where left out
+    /// optimised multisine. Where left out, the first angle that may go as far to either side, or the
+    /// model's first input
     #[arg(long, value_name = "NAMES", value_delimiter = ' ')]
     pub(crate) input: Vec<String>,
     /// Largest change of an input that is an angle, degrees

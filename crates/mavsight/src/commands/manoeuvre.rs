@@ -27,8 +27,7 @@ const BAND_HZ: (f64, f64) = (0.25, 2.5);
 const HARMONICS: usize = 10;
 /// Largest change of an input that is no angle, of its value in steady flight.
 const INPUT_PERCENT: f64 = 5.0;
-/// What a manoeuvre moves and determines where the vehicle has it.
-const USUAL_INPUT: &str = "delta_lon";
+/// What a manoeuvre determines where the vehicle has it.
 const USUAL_PARAMETERS: [&str; 4] = ["C_m,0", "C_m,alpha_u", "C_m,alpha_l", "C_m,q"];
 
 pub(crate) fn manoeuvre(args: &PlanManoeuvre) -> Result<()> {
@@ -97,21 +96,21 @@ pub(crate) fn manoeuvre(args: &PlanManoeuvre) -> Result<()> {
     Ok(())
 }
 
-/// The inputs that are moved: those asked for, or the usual one.
+/// The inputs that are moved: those asked for; or the first angle that goes as far to either side, as that of
+/// an elevator or a swash-plate does; or the first.
 fn moved(vehicle: &Vehicle, asked: &[String]) -> Result<Vec<String>, WrongCall> {
     let model = &vehicle.model;
-    let names = || model.inputs.iter().map(|i| i.name.clone()).collect::<Vec<String>>();
     if let Some(unknown) = asked.iter().find(|name| model.input(name).is_none()) {
-        let known = names().join(" ");
+        let known = model.inputs.iter().map(|i| i.name.as_str()).collect::<Vec<&str>>().join(" ");
         return Err(WrongCall(format!("--input {unknown}: the model {} has {known}", model.name)));
     }
     if !asked.is_empty() {
         return Ok(asked.to_vec());
     }
-    let usual = model.input(USUAL_INPUT).map(|_| USUAL_INPUT.to_owned());
-    let first = usual.or_else(|| names().into_iter().next());
+    let steering = model.inputs.iter().find(|i| i.is_angle && i.min == -i.max);
+    let first = steering.or(model.inputs.first());
     let none = || WrongCall(format!("the model {} has no input: there is nothing to plan", model.name));
-    first.map(|name| vec![name]).ok_or_else(none)
+    first.map(|input| vec![input.name.clone()]).ok_or_else(none)
 }
 
 /// The parameters that count: those asked for, the usual ones, or all that a plan frees.
@@ -249,4 +248,28 @@ fn json(plans: &Plans, names: &[&str]) -> serde_json::Value {
         })
         .collect();
     json!({ "schema": RESULTS_SCHEMA, "optimised_for": names, "manoeuvres": all })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mavsight_flight::VehicleFile;
+
+    #[test]
+    fn what_steers_is_moved_where_nothing_is_asked_for() {
+        for (model, wanted) in [
+            ("coaxial", Some("delta_lon")),
+            ("helicopter", Some("delta_lon")),
+            ("fixed-wing-longitudinal", Some("delta_e")),
+            ("attas-lateral", Some("delta_a")),
+            ("quadrotor", Some("omega_c_1")),
+            ("thrown-body", None),
+        ] {
+            let mut file = VehicleFile::from(Vehicle::paper());
+            file.model = Some(model.to_owned());
+            let vehicle = file.vehicle(|_| Err("a shelf model".to_owned())).expect("a model");
+            let moved = moved(&vehicle, &[]).ok();
+            assert_eq!(moved, wanted.map(|name| vec![name.to_owned()]), "{model}");
+        }
+    }
 }
