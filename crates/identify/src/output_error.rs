@@ -12,16 +12,20 @@
 //! standard deviations (Morelli & Klein 1997). The process itself is taken as free of noise: wind, or a model
 //! that lacks a term, is treated as such errors.
 
+mod ahead;
+mod assemble;
 mod colour;
 mod condense;
 mod covariance;
 mod determined;
 mod disagreement;
 mod expected;
+mod filter;
 mod fit;
 mod fitter;
 mod flight;
 mod image;
+mod innovations;
 mod measure;
 mod model;
 mod options;
@@ -30,10 +34,13 @@ mod propagate;
 mod result;
 mod row;
 mod shooting;
+mod squares;
 mod start;
 
+pub use ahead::{AheadErrors, predict_ahead};
 pub use disagreement::{Disagreement, Estimates, disagreement};
 pub use expected::{ExpectedFit, ExpectedParameter, expected_fit};
+pub use filter::filter_error;
 pub use fit::output_error;
 pub use flight::{Comparison, FlightFitOptions, FlightFits, Images, InputClock, fitted_stretch_s};
 pub use image::ImageMeasurements;

@@ -1,5 +1,6 @@
 //! All segments as one quadratic of the start, the parameters and the nuisances, and as one linear model.
 
+use super::propagate::{difference, moved};
 use super::shooting::{Evaluation, Place};
 use crate::IdentifyError;
 use crate::inverse::inverse;
@@ -13,10 +14,28 @@ pub(crate) struct Condensed {
     quadratic: DMatrix<f64>,
     /// Start of each segment by the variables of the quadratic.
     pub(crate) starts: Vec<DMatrix<f64>>,
+    /// What each gap is, from the first on.
+    gaps: Vec<Gap>,
     tangent: usize,
 }
 
-/// Tightness of the gaps between segments ([`gap_information`]), and damping of the start and parameters
+/// The gap behind a segment, once the measurements behind it are known.
+struct Gap {
+    /// Less the gap, by the variables with the segment's end in the place of its start.
+    gain: DMatrix<f64>,
+    /// Of the gap about that.
+    covariance: DMatrix<f64>,
+}
+
+/// What is known of a segment and of the gap behind it from all measurements.
+pub(crate) struct SegmentCovariance {
+    /// Of the segment's start, the parameters and the nuisances.
+    pub(crate) variables: DMatrix<f64>,
+    /// Variances of the gap's degrees of freedom; none behind the last segment.
+    pub(crate) gap: Option<DVector<f64>>,
+}
+
+/// Tightness of the gaps between segments ([`Evaluation::gap_information`]), and damping of the start and parameters
 /// (Marquardt 1963).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Penalty {
@@ -40,13 +59,14 @@ impl Condensed {
             (0..damped_rows).for_each(|i| q[(i, i)] *= 1.0 + penalty.damping);
             q
         };
-        let information = DMatrix::from_diagonal(&at.gap_information(penalty.tightness));
-        let mut gains = Vec::with_capacity(at.segments.len());
+        let mut gaps = Vec::with_capacity(at.segments.len());
         let mut q = quadratic(at.segments.len() - 1);
         for s in (0..at.segments.len() - 1).rev() {
+            let information = DMatrix::from_diagonal(&at.gap_information(s, penalty.tightness));
             let block = q.view((0, 0), (tangent, tangent)) + &information;
             let top = q.rows(0, tangent).into_owned();
-            let gain = block.cholesky().ok_or(IdentifyError::RankZero)?.solve(&top);
+            let factor = block.cholesky().ok_or(IdentifyError::RankZero)?;
+            let (gain, covariance) = (factor.solve(&top), factor.inverse());
             q -= top.transpose() * &gain;
             // Top rows as W (L + W)⁻¹ L in place of L - L (L + W)⁻¹ L, which cancels where W is small against
             // L.
@@ -55,15 +75,55 @@ impl Condensed {
             top.columns_mut(0, tangent).copy_from(&((&corner + corner.transpose()) * 0.5));
             q.rows_mut(0, tangent).copy_from(&top);
             q.columns_mut(0, tangent).copy_from(&top.transpose());
-            gains.push(gain);
+            gaps.push(Gap { gain, covariance });
             q = fold(q, &at.segments[s].next) + quadratic(s);
         }
+        gaps.reverse();
         let mut starts = vec![DMatrix::identity(tangent, n)];
-        for (segment, gain) in at.segments.iter().zip(gains.iter().rev()) {
+        for (segment, gap) in at.segments.iter().zip(&gaps) {
             let end = carried(&segment.next, &starts[starts.len() - 1]);
-            starts.push(&end - carried(gain, &end));
+            starts.push(&end - carried(&gap.gain, &end));
         }
-        Ok(Self { quadratic: q, starts, tangent })
+        Ok(Self { quadratic: q, starts, gaps, tangent })
+    }
+
+    /// Where a segment begins after a step, if the one before ends at a state: the process noise that is then
+    /// the most likely follows. `start` is where it began.
+    pub(crate) fn start_after(
+        &self,
+        step: &DVector<f64>,
+        segment: usize,
+        end: &[f64],
+        start: &[f64],
+    ) -> Vec<f64> {
+        let mut to_end = step.clone();
+        to_end.rows_mut(0, self.tangent).copy_from_slice(&difference(end, start));
+        let gap = &self.gaps[segment - 1].gain * &to_end;
+        moved(start, (to_end.rows(0, self.tangent) - gap).as_slice())
+    }
+
+    /// What all measurements say of each segment, from the first on: the smoother of Rauch, Tung & Striebel
+    /// (1965) with parameters and nuisances as constant states, from the covariance of the first segment's
+    /// variables on.
+    pub(crate) fn smoothed(&self, at: &Evaluation, first: DMatrix<f64>) -> Vec<SegmentCovariance> {
+        let (n, tangent) = (first.nrows(), self.tangent);
+        let mut variables = first;
+        let mut out = Vec::with_capacity(at.segments.len());
+        for (segment, gap) in at.segments.iter().zip(&self.gaps) {
+            let end = segment.next.columns(0, n).into_owned();
+            let by_gain = carried(&gap.gain.columns(0, n).into_owned(), &end);
+            let of_gap = &by_gain * &variables * by_gain.transpose() + &gap.covariance;
+            let start = end - by_gain;
+            let top = &start * &variables;
+            let mut next = variables.clone();
+            next.rows_mut(0, tangent).copy_from(&top);
+            next.columns_mut(0, tangent).copy_from(&top.transpose());
+            next.view_mut((0, 0), (tangent, tangent)).copy_from(&(top * start.transpose() + &gap.covariance));
+            out.push(SegmentCovariance { variables, gap: Some(of_gap.diagonal()) });
+            variables = next;
+        }
+        out.push(SegmentCovariance { variables, gap: None });
+        out
     }
 
     pub(crate) fn information(&self) -> DMatrix<f64> {
@@ -99,7 +159,7 @@ impl Condensed {
 }
 
 /// A function of a segment's variables as one of the flight's, of which the segment's start is a function.
-fn carried(function: &DMatrix<f64>, start: &DMatrix<f64>) -> DMatrix<f64> {
+pub(super) fn carried(function: &DMatrix<f64>, start: &DMatrix<f64>) -> DMatrix<f64> {
     let tangent = function.nrows();
     let mut out = function.columns(0, tangent) * start;
     let rest = function.ncols() - tangent;

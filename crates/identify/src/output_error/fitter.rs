@@ -5,6 +5,8 @@ use super::measure::Measurements;
 use super::model::{Equations, FlightModel, ModelParameter};
 use super::options::{InitialStates, OutputErrorOptions};
 use super::shooting::{Evaluation, ParameterPrior, Point, Shooting, gap_std};
+use super::squares::Squares;
+use super::start::begin;
 use crate::IdentifyError;
 use crate::inverse::inverse;
 use mavsight_flight::{FlightError, InputSeries};
@@ -98,6 +100,7 @@ impl<'a> Fitter<'a> {
             prior_start: starts[0].clone(),
             parameter_priors: start.priors().map(prior).collect(),
             gap_std: gap_std(further),
+            process_noise: DVector::zeros(starts[0].len() - 1),
         };
         let point = Point { model, nuisances: DVector::zeros(measurements.nuisances()), starts };
         let at = problem.evaluate(&point).map_err(|error| explained(error, &point, input))?;
@@ -107,6 +110,31 @@ impl<'a> Fitter<'a> {
         }
         let (start, limit) = (start.clone(), options.max_iterations);
         Ok(Self { start, problem, point, at, iterations: 0, converged: false, promise: f64::INFINITY, limit })
+    }
+
+    /// A fit of a model to what was recorded, its values and states still rough, in segments of a length.
+    ///
+    /// # Errors
+    /// Nothing free; measurements that cannot be fitted; inputs that do not cover them.
+    pub(super) fn begin(
+        model: &FlightModel,
+        recorded: Recorded<'a>,
+        options: &OutputErrorOptions,
+    ) -> Result<Self, IdentifyError> {
+        if model.free().is_empty() {
+            return Err(IdentifyError::NothingFree);
+        }
+        recorded.measurements.check()?;
+        Self::new(model, begin(model, recorded, options.segment_s)?, recorded, options)
+    }
+
+    /// Closes the gaps between segments step by step.
+    pub(super) fn close_gaps(&mut self) -> Result<(), IdentifyError> {
+        for (tightness, promise) in TIGHTNESS.into_iter().zip(PROMISE) {
+            self.stage(tightness == TIGHTNESS[0], LONGEST_STEP_S[0])?;
+            self.converge(tightness, promise);
+        }
+        Ok(())
     }
 
     pub(crate) fn condensed(&self, tightness: f64, damping: f64) -> Result<Condensed, IdentifyError> {
@@ -122,24 +150,28 @@ impl<'a> Fitter<'a> {
 
     /// Weighs each channel by its residuals; the largest relative change of a variance.
     pub(super) fn rescale(&mut self, tightness: f64) -> Result<f64, IdentifyError> {
-        let channels = self.problem.weights.len();
-        let (mut squares, mut counts) = (vec![0.0; channels], vec![0.0; channels]);
-        for (place, residual) in self.at.places.iter().zip(self.at.residuals()) {
-            squares[place.channel] += residual * residual;
-            counts[place.channel] += 1.0;
-        }
         let rows = self.at.places.len() as f64;
         let free = 1.0 - self.effective_parameters(tightness)? / rows;
-        let mean = squares.iter().sum::<f64>() / (rows * free);
+        let mut found = vec![Squares::default(); self.problem.weights.len()];
+        for (place, residual) in self.at.places.iter().zip(self.at.residuals()) {
+            found[place.channel].add(residual * residual, free);
+        }
+        let change = self.weigh(&found);
+        self.at = self.problem.evaluate(&self.point)?;
+        Ok(change)
+    }
+
+    /// Weighs each channel by the squares of its residuals; the largest relative change of a variance.
+    pub(super) fn weigh(&mut self, found: &[Squares]) -> f64 {
+        let mean = Squares::total(found).factor();
         let mut change: f64 = 0.0;
-        for (k, weight) in self.problem.weights.iter_mut().enumerate().filter(|(k, _)| counts[*k] > 0.0) {
-            let factor = (squares[k] / free + MORE_RESIDUALS * mean) / (counts[k] + MORE_RESIDUALS);
+        for (weight, own) in self.problem.weights.iter_mut().zip(found).filter(|(_, own)| own.count > 0.0) {
+            let factor = (own.factor() * own.count + MORE_RESIDUALS * mean) / (own.count + MORE_RESIDUALS);
             let variance = (factor / (*weight * *weight)).max(LEAST_VARIANCE_FACTOR);
             change = change.max((variance * *weight * *weight - 1.0).abs());
             *weight = 1.0 / variance.sqrt();
         }
-        self.at = self.problem.evaluate(&self.point)?;
-        Ok(change)
+        change
     }
 
     /// How many of the unknowns the measurements decide: all but what the nuisances' priors do.
@@ -185,16 +217,14 @@ impl<'a> Fitter<'a> {
                 }
                 self.promise = damped;
             }
-            let tried = tried
-                .filter(|point| point.model.is_physical())
-                .and_then(|point| Some((self.problem.evaluate(&point).ok()?, point)));
+            let tried = tried.filter(|trial| trial.point.model.is_physical()).and_then(|t| self.fly(t).ok());
             match tried {
                 Some((at, point)) if at.merit(tightness) <= reference => {
                     let promise = watched.take().map_or(self.promise, |w| w.promise);
                     damping = relaxed(damping, (reference - at.merit(tightness)) / promise);
                     (self.point, self.at) = (point, at);
                 }
-                Some((at, point)) if watched.is_none() => {
+                Some((at, point)) if watched.is_none() && !self.has_process_noise() => {
                     let point = std::mem::replace(&mut self.point, point);
                     let at = std::mem::replace(&mut self.at, at);
                     watched = Some(Watched { point, at, merit, promise: self.promise });
@@ -220,11 +250,29 @@ impl<'a> Fitter<'a> {
         }
     }
 
+    fn has_process_noise(&self) -> bool {
+        self.problem.process_noise.amax() > 0.0
+    }
+
+    /// Flies a trial. Process noise is fed back from where each segment ends, so that what has none remains
+    /// closed however far the step (differential dynamic programming; Mayne 1966).
+    fn fly(&self, trial: Trial) -> Result<(Evaluation, Point), IdentifyError> {
+        let Trial { mut point, condensed, step } = trial;
+        if !self.has_process_noise() {
+            return Ok((self.problem.evaluate(&point)?, point));
+        }
+        let begin =
+            |s: usize, end: &[f64], _: &[f64]| condensed.start_after(&step, s, end, &self.point.starts[s]);
+        let (at, starts) = self.problem.fly(&point, begin)?;
+        point.starts = starts;
+        Ok((at, point))
+    }
+
     /// The point after a step; `promise` becomes the predicted decrease of the squares.
     ///
     /// A parameter that would leave its bounds goes to its bound, and the others to where the squares are
     /// then least (an active set; Nocedal & Wright 2006, section 16.5).
-    fn step(&mut self, tightness: f64, damping: f64) -> Option<Point> {
+    fn step(&mut self, tightness: f64, damping: f64) -> Option<Trial> {
         let condensed = self.condensed(tightness, damping).ok()?;
         let mut at_bound: Vec<(usize, f64)> = Vec::new();
         loop {
@@ -234,11 +282,19 @@ impl<'a> Fitter<'a> {
                 beyond.into_iter().filter(|(k, _)| at_bound.iter().all(|(own, _)| own != k)).collect();
             if more.is_empty() {
                 self.promise = self.at.merit(tightness) - left;
-                return Some(self.point.moved(&step, &condensed.starts));
+                let point = self.point.moved(&step, &condensed.starts);
+                return Some(Trial { point, condensed, step });
             }
             at_bound.extend(more);
         }
     }
+}
+
+/// A point to be flown.
+struct Trial {
+    point: Point,
+    condensed: Condensed,
+    step: DVector<f64>,
 }
 
 /// Why a flight runs away, where that shows at its start: what is not finite there.

@@ -33,8 +33,13 @@ impl StateMeasurement {
         Self { t_ns: sample.t_ns, pose, systematic: Box::default() }
     }
 
+    /// Middle of the exposure, s.
+    pub fn t_s(&self) -> f64 {
+        self.t_ns as f64 * 1e-9
+    }
+
     fn bad(&self) -> IdentifyError {
-        IdentifyError::BadMeasurement { t_s: self.t_ns as f64 * 1e-9, what: "pose" }
+        IdentifyError::BadMeasurement { t_s: self.t_s(), what: "pose" }
     }
 
     /// The poses of a flight; nothing where a sample holds none. Their systematic errors count as such where
@@ -72,7 +77,7 @@ const POSE_CHANNELS: [&str; SEEN] = ["x", "y", "z", "turn_x", "turn_y", "turn_z"
 impl Measurements {
     pub(crate) fn times_s(&self) -> Vec<f64> {
         match self {
-            Self::States(s) => s.iter().map(|m| m.t_ns as f64 * 1e-9).collect(),
+            Self::States(s) => s.iter().map(StateMeasurement::t_s).collect(),
             Self::Image(i) => i.times_s(),
         }
     }

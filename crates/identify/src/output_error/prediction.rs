@@ -28,10 +28,7 @@ pub fn predict_poses(
     inputs: &InputSeries,
     poses: &[PoseSample],
 ) -> Result<Prediction, IdentifyError> {
-    let mut fitted = model.clone().with_free(&[])?;
-    for parameter in &fit.parameters {
-        fitted = fitted.with_value(&parameter.name, parameter.value)?;
-    }
+    let fitted = fit.model(model)?;
     let states: Vec<StateMeasurement> =
         poses.iter().filter(|p| p.estimate.is_ok()).map(StateMeasurement::from_pose).collect();
     let measured = Measurements::States(states);

@@ -1,7 +1,7 @@
 //! Results of an output-error fit.
 
-use super::model::ModelParameter;
-use crate::Agreement;
+use super::model::{FlightModel, ModelParameter};
+use crate::{Agreement, IdentifyError};
 use nalgebra::DMatrix;
 
 /// One estimate.
@@ -97,6 +97,10 @@ pub struct OutputErrorFit {
     pub iterations: usize,
     /// Largest distance between the end of one segment and the start of the next, m.
     pub largest_gap_m: f64,
+    /// What the model lacks, where that was estimated ([`super::filter_error`]): square roots of the spectral
+    /// densities of specific force (`force x` ..., m/s² √s) and angular acceleration (`moment x` ..., rad/s²
+    /// √s) along the body's axes.
+    pub process_noise: Vec<(String, f64)>,
     /// How it predicts what was held out of the fit.
     pub held_out: Option<Prediction>,
     /// What a user should know, in sentences.
@@ -104,6 +108,15 @@ pub struct OutputErrorFit {
 }
 
 impl OutputErrorFit {
+    /// The model that was fitted with the estimates, none of which is free any more.
+    ///
+    /// # Errors
+    /// Estimates that are none of this model's.
+    pub fn model(&self, before: &FlightModel) -> Result<FlightModel, IdentifyError> {
+        let fixed = before.clone().with_free(&[])?;
+        self.parameters.iter().try_fold(fixed, |model, p| model.with_value(&p.name, p.value))
+    }
+
     /// The estimate of a name.
     pub fn parameter(&self, name: &str) -> Option<&FittedParameter> {
         self.parameters.iter().find(|p| p.name == name)

@@ -67,6 +67,9 @@ pub(crate) struct Shooting<'a> {
     pub(crate) parameter_priors: Vec<ParameterPrior>,
     /// [`gap_std`].
     pub(crate) gap_std: DVector<f64>,
+    /// Variance that process noise adds to each degree of freedom of the gaps, per second; zero in output
+    /// error.
+    pub(crate) process_noise: DVector<f64>,
 }
 
 /// What is known of a free parameter before the flight.
@@ -115,6 +118,9 @@ pub(crate) struct Evaluation {
     /// Number of free parameters.
     pub(crate) parameters: usize,
     gap_std: DVector<f64>,
+    process_noise: DVector<f64>,
+    /// Length of each segment, s.
+    pub(crate) lengths_s: Vec<f64>,
 }
 
 /// The residuals of rows, which are columns here: their last entries.
@@ -132,15 +138,27 @@ impl Evaluation {
         self.segments.iter().map(|s| s.next.column(s.next.ncols() - 1))
     }
 
-    /// Inverse variances of the gaps.
-    pub(crate) fn gap_information(&self, tightness: f64) -> DVector<f64> {
-        self.gap_std.map(|std| (std * tightness).powi(-2))
+    /// Inverse variances of the gap behind a segment: its process noise, and a penalty that is as good as a
+    /// constraint where that is none.
+    pub(crate) fn gap_information(&self, segment: usize, tightness: f64) -> DVector<f64> {
+        let length_s = self.lengths_s[segment];
+        self.gap_std
+            .zip_map(&self.process_noise, |std, noise| ((std * tightness).powi(2) + noise * length_s).recip())
+    }
+
+    /// Degrees of freedom of the gap behind a segment that have process noise, with its standard deviation.
+    pub(crate) fn noise_std(&self, segment: usize) -> impl Iterator<Item = (usize, f64)> {
+        let length_s = self.lengths_s[segment];
+        let noises = self.process_noise.iter().enumerate().filter(|(_, noise)| **noise > 0.0);
+        noises.map(move |(k, noise)| (k, (noise * length_s).sqrt()))
     }
 
     pub(crate) fn merit(&self, tightness: f64) -> f64 {
-        let information = self.gap_information(tightness);
         let squares: f64 = self.residuals().chain(residuals(&self.prior)).map(|r| r * r).sum();
-        squares + self.gaps().map(|gap| information.dot(&gap.component_mul(&gap))).sum::<f64>()
+        let penalty = |(s, gap): (usize, DVectorView<'_, f64>)| {
+            self.gap_information(s, tightness).dot(&gap.component_mul(&gap))
+        };
+        squares + self.gaps().enumerate().map(penalty).sum::<f64>()
     }
 }
 
@@ -156,6 +174,16 @@ impl Shooting<'_> {
     }
 
     pub(crate) fn evaluate(&self, point: &Point) -> Result<Evaluation, IdentifyError> {
+        self.fly(point, |_, _, start| start.to_vec()).map(|(at, _)| at)
+    }
+
+    /// The flight about a point whose segments begin where `begin` says: from the number of a segment, the
+    /// state at the end of the one before, and the point's own start of it.
+    pub(crate) fn fly(
+        &self,
+        point: &Point,
+        begin: impl Fn(usize, &[f64], &[f64]) -> Vec<f64>,
+    ) -> Result<(Evaluation, Vec<Vec<f64>>), IdentifyError> {
         let parameters = point.model.free().len();
         let mut out = Evaluation {
             segments: Vec::with_capacity(point.starts.len()),
@@ -165,16 +193,32 @@ impl Shooting<'_> {
             tangent: self.equations.tangent(),
             parameters,
             gap_std: self.gap_std.clone(),
+            process_noise: self.process_noise.clone(),
+            lengths_s: self.lengths_s(),
         };
         let values = self.equations.values(&point.model);
         let mut evaluation = self.equations.dynamics.with(&values);
-        for (s, start) in point.starts.iter().enumerate() {
-            let segment = self.segment(s, start, point, &mut evaluation, &mut out)?;
+        let mut starts = Vec::with_capacity(point.starts.len());
+        starts.push(point.starts[0].clone());
+        for s in 0..point.starts.len() {
+            let (mut segment, end) = self.segment(s, &starts[s], point, &mut evaluation, &mut out)?;
+            if let Some(own) = point.starts.get(s + 1) {
+                let start = begin(s + 1, &end, own);
+                let last = segment.next.ncols() - 1;
+                segment.next.column_mut(last).copy_from_slice(&difference(&start, &end));
+                starts.push(start);
+            }
             out.segments.push(segment);
         }
-        Ok(out)
+        Ok((out, starts))
     }
 
+    fn lengths_s(&self) -> Vec<f64> {
+        let last = self.times_s.len() - 1;
+        self.bounds.windows(2).map(|w| self.times_s[w[1].min(last)] - self.times_s[w[0]]).collect()
+    }
+
+    /// A segment, its gap still closed, and the state at its end.
     fn segment(
         &self,
         s: usize,
@@ -182,7 +226,7 @@ impl Shooting<'_> {
         point: &Point,
         evaluation: &mut mavsight_model::Evaluation<'_>,
         out: &mut Evaluation,
-    ) -> Result<Segment, IdentifyError> {
+    ) -> Result<(Segment, Vec<f64>), IdentifyError> {
         let last = s + 2 == self.bounds.len();
         let (from, to) = (self.bounds[s], self.bounds[s + 1] - usize::from(last));
         let begin = self.raster(&point.model, f64::INFINITY).input_at(self.times_s[from]);
@@ -211,10 +255,7 @@ impl Shooting<'_> {
         let by = self.sensitivity(&flyer);
         let mut next = DMatrix::zeros(self.equations.tangent(), n);
         next.columns_mut(0, by.nrows()).copy_from(&by.transpose());
-        if let Some(start) = point.starts.get(s + 1) {
-            next.column_mut(n - 1).copy_from_slice(&difference(start, &flyer.y));
-        }
-        Ok(Segment { rows: DMatrix::from_vec(n, rows.len() / n, rows), next })
+        Ok((Segment { rows: DMatrix::from_vec(n, rows.len() / n, rows), next }, flyer.y))
     }
 
     /// Derivative of the state's degrees of freedom, a column each, by start and parameters.

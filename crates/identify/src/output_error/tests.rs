@@ -1,4 +1,5 @@
 mod colour;
+mod filter;
 mod image;
 mod refusals;
 mod sensitivities;

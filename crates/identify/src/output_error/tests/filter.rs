@@ -1,0 +1,207 @@
+//! Filter error against dense algebra, and on flights through air that is not at rest.
+
+use crate::inverse::inverse;
+use crate::output_error::filter::VELOCITY;
+use crate::output_error::fitter::{Fitter, Recorded};
+use crate::output_error::innovations::innovations;
+use crate::output_error::{
+    FlightModel, Measurements, OutputErrorFit, OutputErrorOptions, filter_error, output_error, predict_ahead,
+};
+use mavsight_flight::{InputSeries, Vehicle, VehicleFile};
+use mavsight_random::Random;
+use mavsight_simulator::{FlightState, InitialState, Scenario, simulate};
+use nalgebra::DMatrix;
+
+use super::support::{flown, multisine, noisy_poses};
+
+/// A body that a force along x pushes through air that may blow.
+const PUSHED: &str = r#"
+schema = 2
+name = "pushed"
+[inputs]
+push = { column = "push_n", unit = "N" }
+gust_x = { column = "gust_x_n", unit = "N" }
+gust_y = { column = "gust_y_n", unit = "N" }
+gust_z = { column = "gust_z_n", unit = "N" }
+[parameters]
+gain = { unit = "1", value = 1, free = true }
+drag = { unit = "N s/m", value = 0.3, free = true }
+lift = { unit = "N", value = 4.9, free = true }
+[forces]
+x = "gain*push - drag*u + gust_x"
+y = "-drag*v + gust_y"
+z = "-lift + gust_z"
+"#;
+const MASS_KG: f64 = 0.5;
+const DURATION_S: f64 = 8.0;
+const STEP_S: f64 = 0.02;
+const GUST_STD_N: f64 = 0.2;
+const TRUTH: [(&str, f64); 3] = [("gain", 1.0), ("drag", 0.3), ("lift", 4.9)];
+
+fn pushed() -> Vehicle {
+    let mut paper = VehicleFile::from(Vehicle::paper());
+    (paper.model, paper.mass_kg) = (Some("pushed.toml".to_owned()), MASS_KG);
+    paper.parameters.clear();
+    paper.simulation.clear();
+    paper.vehicle(|_| Ok(PUSHED.to_owned())).expect("a vehicle")
+}
+
+/// A flight, and its inputs as a recorder has them: without the gusts.
+fn blown(vehicle: &Vehicle, gust_std_n: f64, random: &mut Random) -> (InputSeries, Vec<FlightState>) {
+    let times_s: Vec<f64> = (0..=(DURATION_S / STEP_S) as usize + 1).map(|k| STEP_S * k as f64).collect();
+    let push = |t_s: f64| (2.0 * t_s).sin() + 0.5 * (5.3 * t_s).cos();
+    let row = |t_s: &f64| [push(*t_s), random.normal(), random.normal(), random.normal()];
+    let rows: Vec<[f64; 4]> = times_s.iter().map(row).collect();
+    let inputs = |gust_n: f64| {
+        let values = rows.iter().flat_map(|[push, x, y, z]| [*push, gust_n * x, gust_n * y, gust_n * z]);
+        let names: Vec<_> = vehicle.input_columns().iter().map(|n| (*n).to_owned()).collect();
+        InputSeries::new(names, times_s.clone(), values.collect()).expect("inputs")
+    };
+    let start = InitialState::default();
+    let frames_s: Vec<f64> = (0..(30.0 * DURATION_S) as usize).map(|k| k as f64 / 30.0).collect();
+    let states = simulate(vehicle, &inputs(gust_std_n), &start, &frames_s).expect("a flight");
+    (inputs(0.0), states)
+}
+
+fn fit(gust_std_n: f64, seed: u64, estimate: Estimate) -> OutputErrorFit {
+    let (vehicle, mut random) = (pushed(), Random::new(seed, 0));
+    let (inputs, states) = blown(&vehicle, gust_std_n, &mut random);
+    let measured = Measurements::States(noisy_poses(&states, 1.0, &mut random));
+    let model = FlightModel::new(&vehicle, &inputs).expect("a model");
+    estimate(&model, &inputs, &measured, &OutputErrorOptions::default()).expect("a fit")
+}
+
+type Estimate = fn(
+    &FlightModel,
+    &InputSeries,
+    &Measurements,
+    &OutputErrorOptions,
+) -> Result<OutputErrorFit, crate::IdentifyError>;
+
+fn holds(fit: &OutputErrorFit) -> usize {
+    let inside = |(name, truth): &&(&str, f64)| {
+        fit.parameter(name).is_some_and(|p| (p.ci_low..=p.ci_high).contains(truth))
+    };
+    TRUTH.iter().filter(inside).count()
+}
+
+#[test]
+fn gusts_are_process_noise_and_intervals_hold() {
+    let (flights, mut inside, mut densities) = (12_u64, 0, [0.0; 3]);
+    for seed in 0..flights {
+        let fit = fit(GUST_STD_N, seed, filter_error);
+        inside += holds(&fit);
+        for (sum, (_, root)) in densities.iter_mut().zip(&fit.process_noise) {
+            *sum += root * root / flights as f64;
+        }
+    }
+    // A force that is new every 0.02 s has the density of its variance times that time.
+    let density = (GUST_STD_N / MASS_KG).powi(2) * STEP_S;
+    for found in densities {
+        assert!((found / density - 1.0).abs() < 0.15, "{found} of {density}");
+    }
+    // Of 36 intervals of 95 %, 30 or more hold but for one time in three hundred.
+    assert!((30..=36).contains(&inside), "{inside} of 36");
+}
+
+#[test]
+fn output_error_is_sure_and_wrong_where_filter_error_is_not() {
+    let inside =
+        |estimate: Estimate| (100..106).map(|seed| holds(&fit(GUST_STD_N, seed, estimate))).sum::<usize>();
+    let (filter, output) = (inside(filter_error), inside(output_error));
+    assert!(filter >= 15 && output <= 13, "{filter} and {output} of 18");
+}
+
+#[test]
+fn without_gusts_filter_error_is_output_error() {
+    let (filter, output) = (fit(0.0, 3, filter_error), fit(0.0, 3, output_error));
+    for (a, b) in filter.parameters.iter().zip(&output.parameters) {
+        assert!((a.value - b.value).abs() < b.std, "{}: {} and {}", a.name, a.value, b.value);
+        // Chance leaves some noise, which costs some precision.
+        assert!((0.9..2.0).contains(&(a.std / b.std)), "{}: {} and {}", a.name, a.std, b.std);
+    }
+}
+
+#[test]
+fn a_fitted_model_predicts_a_second_ahead_better_than_holding_the_velocity() {
+    let (vehicle, mut random) = (pushed(), Random::new(7, 0));
+    let (inputs, states) = blown(&vehicle, GUST_STD_N, &mut random);
+    let poses = noisy_poses(&states, 1.0, &mut random);
+    let model = FlightModel::new(&vehicle, &inputs).expect("a model");
+    let options = OutputErrorOptions::default();
+    let fit = filter_error(&model, &inputs, &Measurements::States(poses.clone()), &options).expect("a fit");
+    let errors = predict_ahead(&model, &fit, &inputs, &poses, 1.0).expect("predicted").expect("long enough");
+    assert_eq!(errors.count, 5);
+    // After a second of gusts the velocity is off by the root of their density, the position by that over the
+    // root of three, each along three axes.
+    let expected_m = (GUST_STD_N / MASS_KG) * STEP_S.sqrt();
+    assert!(errors.model.position_m < 2.0 * expected_m, "{errors:?}");
+    assert!(errors.held.position_m > 3.0 * errors.model.position_m, "{errors:?}");
+}
+
+/// A fit of the paper's helicopter over half a second, with process noise along every axis.
+fn with_fitter(check: impl FnOnce(&Fitter<'_>)) {
+    let vehicle = Vehicle::paper();
+    let (inputs, states) = flown(&vehicle, &Scenario { duration_s: 0.5, ..multisine(0.6) });
+    let measurements = Measurements::States(noisy_poses(&states, 1.0, &mut Random::new(5, 0)));
+    let model = FlightModel::new(&vehicle, &inputs).and_then(|m| m.with_free(&["C_m,q", "tau_l"]));
+    let model = model.expect("names");
+    let inputs = model.inputs_of(&inputs).expect("inputs");
+    let options = OutputErrorOptions { segment_s: 0.1, ..OutputErrorOptions::default() };
+    let recorded = Recorded { inputs: &inputs, measurements: &measurements };
+    let mut fitter = Fitter::begin(&model, recorded, &options).expect("a start");
+    for k in 0..6 {
+        fitter.problem.process_noise[VELOCITY + k] = 0.01 * (k + 1) as f64;
+    }
+    fitter.stage(false, 0.01).expect("flown");
+    check(&fitter);
+}
+
+/// The information on start, parameters and all gaps, by the rows of all segments as functions of them.
+fn dense(fitter: &Fitter<'_>, tightness: f64) -> DMatrix<f64> {
+    let at = &fitter.at;
+    let (n, tangent, gaps) = (at.prior.nrows() - 1, at.tangent, at.segments.len() - 1);
+    let all = n + gaps * tangent;
+    let mut variables = DMatrix::zeros(n, all);
+    variables.view_mut((0, 0), (n, n)).fill_with_identity();
+    let prior = at.prior.rows(0, n) * at.prior.rows(0, n).transpose();
+    let mut out = DMatrix::zeros(all, all);
+    out.view_mut((0, 0), (n, n)).copy_from(&prior);
+    for (s, segment) in at.segments.iter().enumerate() {
+        let by = variables.tr_mul(&segment.rows.rows(0, n));
+        out += &by * by.transpose();
+        if s < gaps {
+            let end = segment.next.columns(0, n) * &variables;
+            variables.rows_mut(0, tangent).copy_from(&end);
+            let first = n + s * tangent;
+            variables.view_mut((0, first), (tangent, tangent)).fill_with_identity();
+            for (k, information) in at.gap_information(s, tightness).iter().enumerate() {
+                out[(first + k, first + k)] += information;
+            }
+        }
+    }
+    out
+}
+
+#[test]
+fn innovations_and_smoothed_covariances_are_those_of_dense_algebra() {
+    with_fitter(|fitter| {
+        let tightness = 1e-4;
+        let (at, n) = (&fitter.at, fitter.at.prior.nrows() - 1);
+        let all = inverse(&dense(fitter, tightness)).expect("regular");
+        let known = inverse(&innovations(at, tightness).information()).expect("regular");
+        let apart = |a: f64, b: f64| (a / b - 1.0).abs();
+        for k in 0..n {
+            assert!(apart(known[(k, k)], all[(k, k)]) < 1e-6, "{k}: {} {}", known[(k, k)], all[(k, k)]);
+        }
+        let condensed = fitter.condensed(tightness, 0.0).expect("condensed");
+        let smoothed = condensed.smoothed(at, known);
+        assert!(smoothed.len() > 3);
+        for (s, segment) in smoothed.iter().enumerate() {
+            for (k, variance) in segment.gap.iter().flat_map(|gap| gap.iter().enumerate()) {
+                let own = n + s * at.tangent + k;
+                assert!(apart(*variance, all[(own, own)]) < 1e-5, "gap {s}, {k}: {variance}");
+            }
+        }
+    });
+}
