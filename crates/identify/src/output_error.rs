@@ -31,6 +31,7 @@ mod result;
 mod row;
 mod shooting;
 mod start;
+mod structure;
 
 pub use disagreement::{Disagreement, Estimates, disagreement};
 pub use expected::{ExpectedFit, ExpectedParameter, expected_fit};
@@ -42,6 +43,7 @@ pub use model::{FlightModel, ModelParameter};
 pub use options::{InitialStates, NoiseModel, OutputErrorOptions};
 pub use prediction::predict_poses;
 pub use result::{DerivedQuantity, Extent, FittedParameter, OutputErrorFit, Prediction, SystematicErrors};
+pub use structure::{AddedTerm, NotAdded, ScoreTest, StructureSearch, TriedTerm, search_structure};
 
 #[cfg(test)]
 mod tests;

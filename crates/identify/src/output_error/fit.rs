@@ -42,7 +42,24 @@ pub fn output_error(
     }
     measurements.check()?;
     let inputs = &model.inputs_of(inputs)?;
-    let recorded = Recorded { inputs, measurements };
+    let Solved { fitter, linear, colour } = solve(model, Recorded { inputs, measurements }, options)?;
+    assemble(&fitter, &linear, colour.as_ref())
+}
+
+/// The fitted point, and the flight about it in rows of unit variance as far as `colour` explains them.
+pub(super) struct Solved<'a> {
+    pub(super) fitter: Fitter<'a>,
+    pub(super) linear: Linear,
+    pub(super) colour: Option<Colour>,
+}
+
+/// Finds the fit to measurements that are in order; inputs are those that the model reads.
+pub(super) fn solve<'a>(
+    model: &FlightModel,
+    recorded: Recorded<'a>,
+    options: &OutputErrorOptions,
+) -> Result<Solved<'a>, IdentifyError> {
+    let measurements = recorded.measurements;
     let mut fitter = Fitter::new(model, begin(model, recorded, options.segment_s)?, recorded, options)?;
     let tightness = TIGHTNESS[3];
     for (tightness, promise) in TIGHTNESS.into_iter().zip(PROMISE) {
@@ -68,7 +85,7 @@ pub fn output_error(
     let correlated = options.noise == NoiseModel::Scaled && correlation_lag(&white, channels) > 0;
     let coloured = if correlated { fitter.weigh_colour(white.clone(), tightness)? } else { None };
     let (linear, colour) = coloured.map_or((white, None), |(linear, colour)| (linear, Some(colour)));
-    assemble(&fitter, &linear, colour.as_ref())
+    Ok(Solved { fitter, linear, colour })
 }
 
 impl Fitter<'_> {

@@ -101,6 +101,14 @@ impl Measurements {
         }
     }
 
+    /// The measurements of some instants.
+    pub(crate) fn at(&self, instants: &[usize]) -> Self {
+        match self {
+            Self::States(s) => Self::States(instants.iter().map(|i| s[*i].clone()).collect()),
+            Self::Image(i) => Self::Image(i.at(instants)),
+        }
+    }
+
     pub(crate) fn rows(&self, instant: usize, y: &[f64]) -> Result<Vec<Row<'_>>, IdentifyError> {
         match self {
             Self::States(s) => pose_rows(&s[instant], y),
