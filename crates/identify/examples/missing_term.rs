@@ -7,7 +7,7 @@
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::{EulerAngles, Matrix6, Vector3, world_from_body};
 use mavsight_identify::output_error::{
-    FlightModel, Measurements, OutputErrorOptions, StateMeasurement, StructureSearch, search_structure,
+    FlightModel, InitialStates, Measurements, OutputErrorOptions, StateMeasurement, StructureSearch, search_structure,
 };
 use std::error::Error;
 use std::path::Path;
@@ -49,7 +49,9 @@ fn search(folder: &Path, flight: usize) -> Result<StructureSearch, Box<dyn Error
     let poses = table(&folder.join(format!("poses-{flight}.csv")))?;
     let poses = poses.rows.iter().filter(covered).map(|row| pose(row)).collect();
     let model = FlightModel::new(&vehicle, &inputs)?.with_free_lag();
-    Ok(search_structure(&model, &inputs, &Measurements::States(poses), &OutputErrorOptions::default())?)
+    // The discs are not in trim at the first instant.
+    let options = OutputErrorOptions { initial: InitialStates::Free, ..OutputErrorOptions::default() };
+    Ok(search_structure(&model, &inputs, &Measurements::States(poses), &options)?)
 }
 
 fn main() -> Result<(), Box<dyn Error>> {

@@ -38,7 +38,7 @@ pub use expected::{ExpectedFit, ExpectedParameter, expected_fit};
 pub use fit::output_error;
 pub use flight::{Comparison, FlightFitOptions, FlightFits, Images, InputClock, fitted_stretch_s};
 pub use image::ImageMeasurements;
-pub use measure::{Measurements, StateMeasurement};
+pub use measure::{LeftOut, Measurements, StateMeasurement};
 pub use model::{FlightModel, ModelParameter};
 pub use options::{InitialStates, NoiseModel, OutputErrorOptions};
 pub use prediction::predict_poses;

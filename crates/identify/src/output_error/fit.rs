@@ -42,8 +42,7 @@ pub fn output_error(
     }
     measurements.check()?;
     let inputs = &model.inputs_of(inputs)?;
-    let Solved { fitter, linear, colour } = solve(model, Recorded { inputs, measurements }, options)?;
-    assemble(&fitter, &linear, colour.as_ref())
+    assemble(&solve(model, Recorded { inputs, measurements }, options)?)
 }
 
 /// The fitted point, and the flight about it in rows of unit variance as far as `colour` explains them.
@@ -126,12 +125,9 @@ impl Fitter<'_> {
     }
 }
 
-/// `linear` is the flight about the fitted point, in rows of unit variance as far as `colour` explains them.
-fn assemble(
-    fitter: &Fitter<'_>,
-    linear: &Linear,
-    colour: Option<&Colour>,
-) -> Result<OutputErrorFit, IdentifyError> {
+pub(super) fn assemble(solved: &Solved<'_>) -> Result<OutputErrorFit, IdentifyError> {
+    let Solved { fitter, linear, colour } = solved;
+    let colour = colour.as_ref();
     let problem = &fitter.problem;
     let channels = problem.measurements.channels();
     let p = fitter.free().len();

@@ -102,7 +102,8 @@ impl FlightFits {
     /// Where the clocks are not known to agree, the lag of the inputs is free too: what is not known of it is
     /// then in all intervals. A flight that does not determine it is fitted without. What is held out enters
     /// no fit; each then predicts its poses. Candidate terms are searched on the poses; the fit to the images
-    /// has those that were added, and the notes of the fit to the poses say which and why.
+    /// has those that were added, and the notes of the fit to the poses say which and why. With a search the
+    /// further states begin anywhere.
     ///
     /// # Errors
     /// A vehicle that is not valid; refusals of a fit become sentences.
@@ -117,7 +118,9 @@ impl FlightFits {
         let stretch_s = fitted_stretch_s(poses);
         let begins =
             stretch_s.is_none_or(|(from_s, _)| poses.first().is_some_and(|p| seconds(p.t_ns) >= from_s));
-        let initial = if begins { InitialStates::AsModelled } else { InitialStates::Free };
+        // A search doubts the model, and so the trim in which it begins.
+        let is_known = begins && !options.search;
+        let initial = if is_known { InitialStates::AsModelled } else { InitialStates::Free };
         let defaults = OutputErrorOptions { initial, ..OutputErrorOptions::default() };
         let poses = within(poses, stretch_s, |p| p.t_ns);
         let images =

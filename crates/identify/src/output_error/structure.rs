@@ -3,7 +3,8 @@
 mod held_out;
 mod score;
 
-use super::fit::{Solved, output_error, solve};
+use super::disagreement::chi_square_tail;
+use super::fit::{Solved, assemble, output_error, solve};
 use super::fitter::Recorded;
 use super::measure::Measurements;
 use super::model::{FlightModel, ModelParameter};
@@ -50,6 +51,8 @@ pub enum NotAdded {
     NoEvidence,
     /// What is free can do all that it does.
     NotDistinguished,
+    /// It was added, and terms added after it took its place.
+    Replaced,
     /// The fit with it was refused.
     Refused(String),
     /// It raised the deviance of the held-out part by so much.
@@ -91,8 +94,12 @@ pub struct StructureSearch {
 /// free is judged by a score test (Rao 1948), a chi-square of one degree whose variance allows for residuals
 /// that hang together (Newey & West 1987). If the strongest passes at the level of 1 % over all candidates
 /// that are left (Holm 1979), it is freed, fitted, and kept if the held-out part is then the more likely:
-/// flown in pieces of a second whose starts are found anew. This repeats until no candidate passes; what was
-/// chosen is then fitted to the whole flight. Intervals do not allow for the choice.
+/// flown in pieces of a second whose starts are found anew. Terms that an addition makes idle are held again.
+/// This repeats until no candidate passes; what was chosen is then fitted to the whole flight. Intervals do
+/// not allow for the choice.
+///
+/// Further states that begin elsewhere than the model says imitate a missing term: where that may be, choose
+/// [`super::InitialStates::Free`].
 ///
 /// # Errors
 /// Those of [`super::output_error`] for the model as it is on the fitted part, and for the final fit. A
@@ -154,7 +161,7 @@ impl<'a> Search<'a> {
                 term.test = test;
                 term.reason = if test.is_some() { NotAdded::NoEvidence } else { NotAdded::NotDistinguished };
             }
-            next = self.add(&found);
+            next = self.add(&found).map(|solved| self.pruned(solved)).transpose()?;
         }
         Ok(())
     }
@@ -175,6 +182,35 @@ impl<'a> Search<'a> {
             self.closed.push(term);
         }
         None
+    }
+
+    /// A fit without the terms that are no longer needed beside later ones: a first choice may stand for a term
+    /// that was added after it.
+    fn pruned(&mut self, mut solved: Solved<'a>) -> Result<Solved<'a>, IdentifyError> {
+        while let Some(place) = self.idle(&assemble(&solved)?) {
+            let Addition { parameter, test, .. } = self.added.remove(place);
+            let terms = candidates(&self.model.clone().with_free(&[])?).into_iter();
+            let own = terms.filter(|t| t.parameter == parameter);
+            self.closed.extend(own.map(|t| TriedTerm { test: Some(test), reason: NotAdded::Replaced, ..t }));
+            let left = self.model.free().iter().filter(|p| **p != parameter);
+            let names: Vec<&str> = left.map(|p| self.model.name(*p)).collect();
+            self.model = self.model.clone().with_free(&names)?;
+            solved = solve(&self.model, self.recorded, self.options)?;
+        }
+        Ok(solved)
+    }
+
+    /// The added term that is nearest to the value at which it would be held, by its standard deviation, if it
+    /// is not away from it at the level of all candidates.
+    fn idle(&self, fit: &OutputErrorFit) -> Option<usize> {
+        let away = |addition: &Addition| {
+            let p = fit.parameters.iter().find(|p| p.parameter == addition.parameter)?;
+            Some(((p.value - self.model.value(p.parameter)) / p.std).powi(2))
+        };
+        let all = self.added.iter().enumerate().filter_map(|(k, a)| Some((k, away(a)?)));
+        let (place, chi_square) = all.min_by(|a, b| a.1.total_cmp(&b.1))?;
+        let count = self.added.len() + self.open.len() + self.closed.len();
+        (chi_square_tail(chi_square, 1) * count as f64 > LEVEL).then_some(place)
     }
 
     /// The open term of the largest chi-square, if it passes at the level of all that are open.
@@ -272,6 +308,7 @@ impl std::fmt::Display for TriedTerm {
         match &self.reason {
             NotAdded::NoEvidence => Ok(()),
             NotAdded::NotDistinguished => f.write_str("free parameters do the same"),
+            NotAdded::Replaced => f.write_str(" at first, not needed beside what was added later"),
             NotAdded::HeldOut(loss) => write!(f, ", but held-out deviance higher by {loss:.1}"),
             NotAdded::Refused(why) => write!(f, ", but {why}"),
         }

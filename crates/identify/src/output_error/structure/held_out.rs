@@ -2,7 +2,7 @@
 
 use super::super::fit::Solved;
 use super::super::fitter::{Fitter, LONGEST_STEP_S, PROMISE, Recorded, TIGHTNESS};
-use super::super::measure::Measurements;
+use super::super::measure::{LeftOut, Measurements};
 use super::super::model::FlightModel;
 use super::super::options::{InitialStates, NoiseModel, OutputErrorOptions};
 use super::super::start::begin;
@@ -32,14 +32,17 @@ impl Parts {
         let count = ((last_s - first_s) / PIECE_S).round().max(OF as f64) as usize;
         let piece_s = (last_s - first_s) / count as f64;
         let piece_of = |t_s: f64| (((t_s - first_s) / piece_s) as usize).min(count - 1);
-        let (mut fitted, mut held_out) = (Vec::new(), vec![Vec::new(); count]);
+        let (mut left_out, mut held_out) = (vec![false; times_s.len()], vec![Vec::new(); count]);
         for (instant, t_s) in times_s.iter().enumerate() {
             let piece = piece_of(*t_s);
-            if piece % OF == 1 { held_out[piece].push(instant) } else { fitted.push(instant) }
+            if piece % OF == 1 {
+                left_out[instant] = true;
+                held_out[piece].push(instant);
+            }
         }
         held_out.retain(|piece| !piece.is_empty());
         let held_out = held_out.iter().map(|piece| measurements.at(piece)).collect();
-        Self { fitted: measurements.at(&fitted), held_out }
+        Self { fitted: Measurements::Part(Box::new(measurements.clone()), LeftOut(left_out)), held_out }
     }
 
     /// By how much the deviance of the held-out part, minus twice the logarithm of its likelihood, is lower
