@@ -7,7 +7,8 @@
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::{EulerAngles, Matrix6, Vector3, world_from_body};
 use mavsight_identify::output_error::{
-    FlightModel, InitialStates, Measurements, OutputErrorOptions, StateMeasurement, StructureSearch, search_structure,
+    FlightModel, InitialStates, Measurements, OutputErrorOptions, StateMeasurement, StructureSearch,
+    search_structure,
 };
 use std::error::Error;
 use std::path::Path;
@@ -79,9 +80,16 @@ fn main() -> Result<(), Box<dyn Error>> {
         if let Some(tau) = search.fit.parameter("tau_f") {
             let is_held = (tau.ci_low..=tau.ci_high).contains(&TRUE_FLYBAR_S);
             flybar += usize::from(is_held);
-            println!("  tau_f {:.3} ± {:.3} s{}", tau.value, tau.std, if is_held { "" } else { ", not held" });
+            println!(
+                "  tau_f {:.3} ± {:.3} s{}",
+                tau.value,
+                tau.std,
+                if is_held { "" } else { ", not held" }
+            );
         }
     }
-    println!("drag along x and y found in {found} of 12, its interval holds 0.1 in {held}; tau_f's holds 3 in {flybar}; {others} other terms");
+    println!(
+        "drag along x and y found in {found} of 12, its interval holds 0.1 in {held}; tau_f's holds 3 in {flybar}; {others} other terms"
+    );
     Ok(())
 }

@@ -118,7 +118,8 @@ pub fn search_structure(
     let parts = &Parts::of(measurements);
     let recorded = Recorded { inputs: inputs_read, measurements: &parts.fitted };
     let (open, added) = (candidates(model), Vec::new());
-    let mut search = Search { parts, recorded, options, model: model.clone(), open, added, closed: Vec::new() };
+    let mut search =
+        Search { parts, recorded, options, model: model.clone(), open, added, closed: Vec::new() };
     search.run()?;
     let Search { model, open, added, closed, .. } = search;
     let fit = output_error(&model, inputs, measurements, options)?;
@@ -274,7 +275,9 @@ impl StructureSearch {
     /// What was added and what was not, in sentences.
     pub fn notes(&self) -> Vec<String> {
         if self.added.is_empty() && self.not_added.is_empty() {
-            return vec!["The model's file marks no further term as a candidate: nothing was searched.".to_owned()];
+            return vec![
+                "The model's file marks no further term as a candidate: nothing was searched.".to_owned(),
+            ];
         }
         let mut out: Vec<String> = self.added.iter().map(ToString::to_string).collect();
         if !self.not_added.is_empty() {

@@ -10,7 +10,8 @@ use mavsight_random::Random;
 use mavsight_simulator::{FlightState, Scenario, true_values};
 use nalgebra::Point3;
 
-const KNOWN: FlightFitOptions = FlightFitOptions { clock: InputClock::Known, held_out_s: None, search: false };
+const KNOWN: FlightFitOptions =
+    FlightFitOptions { clock: InputClock::Known, held_out_s: None, search: false };
 
 pub(crate) fn rig() -> Rig {
     let size = ImageSize { width_px: 640, height_px: 480 };
