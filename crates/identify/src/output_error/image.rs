@@ -143,7 +143,7 @@ impl ImageMeasurements {
         Self {
             cameras: self.cameras.clone(),
             markers: self.markers.clone(),
-            observations: own().map(|k| self.observations[k].clone()).collect(),
+            observations: own().map(|k| self.observations[k]).collect(),
             whiteners: own().map(|k| self.whiteners[k]).collect(),
             first,
             poses: instants.iter().map(|i| self.poses[*i]).collect(),

@@ -55,7 +55,7 @@ pub enum NotAdded {
     Replaced,
     /// The fit with it was refused.
     Refused(String),
-    /// It raised the deviance of the held-out part by so much.
+    /// It raised the deviance of the held-out part, by this.
     HeldOut(f64),
 }
 

@@ -2,6 +2,7 @@ mod colour;
 mod image;
 mod refusals;
 mod sensitivities;
+mod structure;
 mod support;
 mod systematic;
 mod unstable;

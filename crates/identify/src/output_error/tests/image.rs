@@ -47,7 +47,7 @@ pub(crate) fn markers(vehicle: &Vehicle) -> Vec<BodyMarker> {
 }
 
 /// What the cameras see, with white noise of `std_px` and further displacements.
-fn seen(
+pub(crate) fn seen(
     states: &[FlightState],
     (rig, markers): (&Rig, &[BodyMarker]),
     std_px: f64,
@@ -112,7 +112,7 @@ fn pixels_give_the_truth_within_their_intervals() {
     assert!((0.9..1.1).contains(&mean), "{mean}");
 }
 
-fn samples(states: &[FlightState], random: &mut Random) -> Vec<PoseSample> {
+pub(crate) fn samples(states: &[FlightState], random: &mut Random) -> Vec<PoseSample> {
     let estimate = |world_from_body| PoseEstimate::new(world_from_body, &pose_covariance());
     noisy_poses(states, 1.0, random)
         .into_iter()
