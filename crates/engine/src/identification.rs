@@ -148,7 +148,8 @@ fn output_error(
         observations: inputs.covered(&results.markers, |m| m.t_ns),
     });
     let clock = if flight.options.lag_s.is_some() { InputClock::Known } else { InputClock::Free };
-    let options = FlightFitOptions { clock, held_out_s: flight.options.fit.held_out_s };
+    let (held_out_s, search) = (flight.options.fit.held_out_s, flight.options.search);
+    let options = FlightFitOptions { clock, held_out_s, search };
     let poses = inputs.covered(&results.poses, |p| p.t_ns);
     let fits = FlightFits::of_flight(flight.vehicle, inputs, poses, images, &options);
     Ok(fits.map_err(PipelineError::from)?)

@@ -20,6 +20,8 @@ pub struct Options<'a> {
     pub lag_s: Option<f64>,
     /// From and to: a part of the flight that no fit uses, for validation.
     pub held_out_s: Option<(f64, f64)>,
+    /// Whether output error searches the terms that the model's file marks as candidates.
+    pub search: bool,
     /// Where the results will be written: `markers.csv` of a long flight waits there from early on, to save
     /// memory.
     pub results_folder: Option<&'a Path>,
@@ -56,6 +58,7 @@ impl<'a> Flight<'a> {
             options.equation_error_only || identify.table.equations.as_ref().is_some_and(is_other);
         identify.lag_s = options.lag_s;
         identify.fit.held_out_s = options.held_out_s;
+        identify.search = options.search;
         Ok(Self { name: &session.file.name, vehicle: &session.vehicle, inputs, options: identify })
     }
 }

@@ -1,7 +1,8 @@
 //! How often 95 % intervals of output error hold the truth, over simulated flights of a model of the shelf.
 //!
 //! `cargo run --release -p mavsight-identify --example shelf_coverage -- quadrotor 200`: the name of a folder
-//! of docs/shelf, the number of flights.
+//! of docs/shelf, the number of flights. With the word `search` after them each fit also searches the terms
+//! that the model marks as candidates, none of which is missing.
 //!
 //! The aircraft flies once, at its truth; each fit sees this flight with white errors of its own, and starts
 //! from values that are off by up to a tenth. Where the model has prior knowledge of a parameter
@@ -13,7 +14,7 @@ use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::{Isometry3, Matrix6, UnitQuaternion, Vector3};
 use mavsight_identify::output_error::{
     FlightModel, Measurements, ModelParameter, OutputErrorFit, OutputErrorOptions, StateMeasurement,
-    output_error,
+    output_error, search_structure,
 };
 use mavsight_random::Random;
 use mavsight_simulator::{FlightState, Scenario, simulate, true_values};
@@ -69,6 +70,7 @@ impl Noise {
 struct Flown {
     noise: Noise,
     options: OutputErrorOptions,
+    search: bool,
     inputs: InputSeries,
     states: Vec<FlightState>,
     model: FlightModel,
@@ -77,7 +79,7 @@ struct Flown {
 }
 
 impl Flown {
-    fn new(name: &str) -> Result<Self, Box<dyn Error>> {
+    fn new(name: &str, search: bool) -> Result<Self, Box<dyn Error>> {
         let folder = PathBuf::from(SHELF).join(name);
         let read = |file: &str| {
             let path = folder.join(file);
@@ -93,7 +95,7 @@ impl Flown {
         let truth = model.free().iter().map(|p| truth[model.name(*p)]).collect();
         let mut options = OutputErrorOptions::default();
         SEGMENT_S.iter().filter(|s| s.0 == name).for_each(|s| options.segment_s = s.1);
-        Ok(Self { noise: Noise::of(name), options, inputs, states, model, truth })
+        Ok(Self { noise: Noise::of(name), options, search, inputs, states, model, truth })
     }
 
     /// The model with the values that one fit starts from: what is known before the flight, where that is a
@@ -119,14 +121,27 @@ impl Flown {
         Ok(out)
     }
 
-    fn fit(&self, flight: usize) -> Result<(OutputErrorFit, f64), Box<dyn Error>> {
+    fn fit(&self, flight: usize) -> Result<Fitted, Box<dyn Error>> {
         let mut random = Random::new(33, flight as u64);
         let measured = self.noise.measured(&self.states, &mut random);
         let model = self.before(&mut random)?;
         let begin = Instant::now();
-        let fit = output_error(&model, &self.inputs, &measured, &self.options)?;
-        Ok((fit, begin.elapsed().as_secs_f64()))
+        let (fit, added) = if self.search {
+            let search = search_structure(&model, &self.inputs, &measured, &self.options)?;
+            (search.fit, search.added.iter().map(ToString::to_string).collect())
+        } else {
+            (output_error(&model, &self.inputs, &measured, &self.options)?, Vec::new())
+        };
+        Ok(Fitted { fit, seconds: begin.elapsed().as_secs_f64(), added })
     }
+}
+
+/// One fit, and the seconds that it took.
+struct Fitted {
+    fit: OutputErrorFit,
+    seconds: f64,
+    /// Terms that a search has added.
+    added: Vec<String>,
 }
 
 /// A table of recorded inputs: `t_s`, then the columns.
@@ -159,17 +174,19 @@ struct Share {
     tallies: Vec<Tally>,
     seconds: Vec<f64>,
     failures: Vec<String>,
+    added: Vec<String>,
 }
 
 /// Every second flight, or as many threads as there are, from one on.
 fn share(flown: &Flown, first: usize, flights: usize) -> Share {
     let tallies = vec![Tally::default(); flown.truth.len()];
-    let mut out = Share { tallies, seconds: Vec::new(), failures: Vec::new() };
+    let mut out = Share { tallies, seconds: Vec::new(), failures: Vec::new(), added: Vec::new() };
     for flight in (first..flights).step_by(THREADS) {
         match flown.fit(flight) {
             Err(error) => out.failures.push(format!("flight {flight}: {error}")),
-            Ok((fit, seconds)) => {
+            Ok(Fitted { fit, seconds, added }) => {
                 out.seconds.push(seconds);
+                out.added.extend(added.iter().map(|term| format!("flight {flight}: {term}")));
                 for ((tally, p), true_value) in out.tallies.iter_mut().zip(&fit.parameters).zip(&flown.truth)
                 {
                     let normalised = (p.value - true_value) / p.std;
@@ -189,7 +206,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut words = std::env::args().skip(1);
     let name = words.next().ok_or("give the name of a folder of docs/shelf")?;
     let flights: usize = words.next().map_or(Ok(20), |w| w.parse())?;
-    let flown = Flown::new(&name)?;
+    let flown = Flown::new(&name, words.next().is_some_and(|w| w == "search"))?;
     let shares: Vec<Share> = std::thread::scope(|scope| {
         let own: Vec<_> = (0..THREADS)
             .map(|k| {
@@ -205,6 +222,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     seconds.sort_by(f64::total_cmp);
     let failures: Vec<&String> = shares.iter().flat_map(|s| &s.failures).collect();
     failures.iter().for_each(|failure| println!("{failure}"));
+    shares.iter().flat_map(|s| &s.added).for_each(|term| println!("{term}"));
     let Noise { position_m, turn_deg } = flown.noise;
     println!(
         "{name}: {} poses, {} mm, {turn_deg} deg; {} of {flights} fits, {} failed, {:.2} s each (median), {:.2} s at most",

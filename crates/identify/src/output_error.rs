@@ -36,6 +36,7 @@ mod row;
 mod shooting;
 mod squares;
 mod start;
+mod structure;
 
 pub use ahead::{AheadErrors, predict_ahead};
 pub use disagreement::{Disagreement, Estimates, disagreement};
@@ -44,11 +45,12 @@ pub use filter::filter_error;
 pub use fit::output_error;
 pub use flight::{Comparison, FlightFitOptions, FlightFits, Images, InputClock, fitted_stretch_s};
 pub use image::ImageMeasurements;
-pub use measure::{Measurements, StateMeasurement};
+pub use measure::{LeftOut, Measurements, StateMeasurement};
 pub use model::{FlightModel, ModelParameter};
 pub use options::{InitialStates, NoiseModel, OutputErrorOptions};
 pub use prediction::predict_poses;
 pub use result::{DerivedQuantity, Extent, FittedParameter, OutputErrorFit, Prediction, SystematicErrors};
+pub use structure::{AddedTerm, NotAdded, ScoreTest, StructureSearch, TriedTerm, search_structure};
 
 #[cfg(test)]
 mod tests;

@@ -93,6 +93,9 @@ pub(crate) struct Run {
     /// What to add to the inputs' times; estimated, and said, where left out
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
     pub(crate) lag: Option<f64>,
+    /// Search, by output error, the terms that the flight model marks as candidates
+    #[arg(long, conflicts_with = "equation_error_only")]
+    pub(crate) search: bool,
 }
 
 /// `calibrate`, `track` and `report`
@@ -201,6 +204,9 @@ pub(crate) struct Identify {
     /// What to add to the inputs' times; estimated, and said, where left out
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
     pub(crate) lag: Option<f64>,
+    /// Search, by output error, the terms that the flight model marks as candidates
+    #[arg(long)]
+    pub(crate) search: bool,
     /// Choose each output's regressors from the model's, step by step by PRESS
     #[arg(long)]
     pub(crate) stepwise: bool,

@@ -167,6 +167,8 @@ fn wrong_calls_are_named() {
     assert!(said.contains("model.toml") && said.contains("outputs"), "{said}");
     let said = message(identify(&table, &inputs).args(["--estimator", "ols,best"]), 2);
     assert!(said.contains("best") && said.contains("gtls"), "{said}");
+    let said = message(identify(&table, &inputs).args(["--estimator", "ols", "--search"]), 2);
+    assert!(said.contains("--search") && said.contains("name oe"), "{said}");
     for option in ["--band", "--hold-out"] {
         for text in ["3", "2..1", "a..b", "1..nan"] {
             let said = message(identify(&table, &inputs).args([option, text]), 2);

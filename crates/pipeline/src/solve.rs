@@ -23,6 +23,8 @@ pub struct IdentifyOptions {
     pub lag_s: Option<f64>,
     /// Whether the regressors of each output are chosen from the model's by PRESS.
     pub stepwise: bool,
+    /// Whether output error searches the terms that the model's file marks as candidates.
+    pub search: bool,
     /// Whether output error is left out.
     pub equation_error_only: bool,
 }

@@ -99,7 +99,8 @@ impl Assumption {
             ("C_n_r", self.yaw_damping_n_m_s_rad / moment_n_m),
             ("C_n_u", -2.0 * self.torque_coefficient_upper),
             ("C_n_l", 2.0 * self.torque_coefficient_lower),
-            ("C_X_u", -self.drag_n_s_m / force_n),
+            ("d_xy", self.drag_n_s_m),
+            ("d_z", self.drag_n_s_m),
         ]
         .map(|(name, value)| (name.to_owned(), value))
         .into()

@@ -28,10 +28,8 @@ fn the_papers_vehicle_is_valid_and_each_constant_is_checked() {
     vehicle.marker.iter_mut().for_each(|m| m.position_m = [m.position_m[0], 0.5, 0.0]);
     assert!(matches!(vehicle.validate(), Err(FlightError::MarkerPlaces(_))));
     let mut vehicle = Vehicle::paper();
-    vehicle.simulation.insert("C_X_u".to_owned(), f64::INFINITY);
-    assert!(
-        matches!(vehicle.validate(), Err(FlightError::OutOfBounds { key, .. }) if key.ends_with("C_X_u"))
-    );
+    vehicle.simulation.insert("d_xy".to_owned(), f64::INFINITY);
+    assert!(matches!(vehicle.validate(), Err(FlightError::OutOfBounds { key, .. }) if key.ends_with("d_xy")));
     let mut vehicle = Vehicle::paper();
     vehicle.parameters.insert("tau_m".to_owned(), 1.0);
     let refused = vehicle.validate().expect_err("no such parameter").to_string();

@@ -50,7 +50,7 @@ macro_rules! coefficients {
 }
 
 /// Number of coefficients.
-pub const COEFFICIENTS: usize = 25;
+pub const COEFFICIENTS: usize = 26;
 
 coefficients! {
     /// X per radian of the upper disc; Y per radian to the right is minus this.
@@ -82,8 +82,10 @@ coefficients! {
     CnUpper = "C_n,u",
     /// Torque of the lower rotor.
     CnLower = "C_n,l",
-    /// Drag per speed, the same along all axes, s/m.
-    CxU = "C_X,u",
+    /// Drag per speed along x and y, N s/m.
+    DragXy = "d_xy",
+    /// Drag per speed along z, N s/m.
+    DragZ = "d_z",
     /// Constant force forward.
     Cx0 = "C_X,0",
     /// Constant force to the right.
@@ -191,9 +193,9 @@ impl Airframe {
             by(8, C::CxAlphaU, 16, -m * up),
             by(7, C::CxAlphaL, 13, m * lo),
             by(8, C::CxAlphaL, 14, -m * lo),
-            by(7, C::CxU, 7, m * re),
-            by(8, C::CxU, 8, m * re),
-            by(9, C::CxU, 9, m * re),
+            by(7, C::DragXy, 7, -m),
+            by(8, C::DragXy, 8, -m),
+            by(9, C::DragZ, 9, -m),
             constant(9, C::CzU, m * up),
             constant(9, C::CzL, m * lo),
             constant(7, C::Cx0, m * re),

@@ -8,23 +8,28 @@ use super::filter::{NOISES, VELOCITY};
 use super::fitter::Fitter;
 use super::model::ModelParameter;
 use super::result::{DerivedQuantity, FittedParameter, OutputErrorFit, SystematicErrors};
-use crate::student_quantile_975;
+use crate::{IdentifyError, student_quantile_975};
 use mavsight_model::{Derived, Unit};
 use nalgebra::{DMatrix, DVector};
 
-/// `linear` is the flight about the fitted point, in rows of unit variance as far as `colour` explains them.
-pub(super) fn assemble(
-    fitter: &Fitter<'_>,
-    linear: &Linear,
-    known: &Covariance,
-    colour: Option<&Colour>,
-) -> OutputErrorFit {
+/// The fitted point, and the flight about it in rows of unit variance as far as `colour` explains them.
+pub(super) struct Solved<'a> {
+    pub(super) fitter: Fitter<'a>,
+    pub(super) linear: Linear,
+    pub(super) colour: Option<Colour>,
+}
+
+/// What a fit says of its parameters.
+pub(super) fn assemble(solved: &Solved<'_>) -> Result<OutputErrorFit, IdentifyError> {
+    let Solved { fitter, linear, colour } = solved;
+    let colour = colour.as_ref();
     let problem = &fitter.problem;
     let channels = problem.measurements.channels();
     let p = fitter.free().len();
-    let bound = &known.bound;
-    let mut covariance = no_less_than(bound, &known.coloured);
-    if let Some(uneven) = &known.uneven {
+    let Covariance { bound, coloured, uneven, lag } =
+        Covariance::new(linear, fitter.free().len(), channels.len())?;
+    let mut covariance = no_less_than(&bound, &coloured);
+    if let Some(uneven) = &uneven {
         covariance = no_less_than(&covariance, uneven);
     }
     let degrees = linear.places.len().saturating_sub(p + linear.tangent).max(1);
@@ -51,21 +56,21 @@ pub(super) fn assemble(
     let factor = |(k, w): (usize, &f64)| w.powi(-2) * variances.as_ref().map_or(1.0, |v| v[k]);
     let factors = problem.weights.iter().enumerate().map(factor);
     let systematic = colour.map(|c| SystematicErrors { extent: c.extent(), share: c.correlated_share });
-    let notes = notes(&parameters, systematic, known.lag, known.uneven.is_some());
-    OutputErrorFit {
+    let notes = notes(&parameters, systematic, lag, uneven.is_some());
+    Ok(OutputErrorFit {
         parameters,
         covariance,
         derived,
         variance_factors: channels.into_iter().zip(factors).collect(),
         systematic,
-        correlated_instants: known.lag,
+        correlated_instants: lag,
         reduced_chi_square: linear.residuals().norm_squared() / degrees as f64,
         iterations: fitter.iterations,
         largest_gap_m,
         process_noise: process_noise(fitter),
         held_out: None,
         notes,
-    }
+    })
 }
 
 /// Square roots of the densities of the process noise that was estimated.

@@ -1,8 +1,7 @@
 //! Filter error: output error whose process is not free of noise.
 
-use super::assemble::assemble;
+use super::assemble::{Solved, assemble};
 use super::condense::SegmentCovariance;
-use super::covariance::Covariance;
 use super::determined::refuse_undetermined;
 use super::fitter::{Fitter, LONGEST_STEP_S, PROMISE, Recorded, TIGHTNESS};
 use super::innovations::innovations;
@@ -81,8 +80,7 @@ pub fn filter_error(
     if !fitter.converged {
         return Err(fitter.not_converged(tightness));
     }
-    let known = Covariance::new(&linear, fitter.free().len(), measurements.channels().len())?;
-    Ok(assemble(&fitter, &linear, &known, None))
+    assemble(&Solved { fitter, linear, colour: None })
 }
 
 /// Densities to start from.

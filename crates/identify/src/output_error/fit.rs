@@ -1,9 +1,9 @@
 //! The iteration of an output-error fit, and its result.
 
-use super::assemble::assemble;
+use super::assemble::{Solved, assemble};
 use super::colour::Colour;
 use super::condense::Linear;
-use super::covariance::{Covariance, correlation_lag};
+use super::covariance::correlation_lag;
 use super::determined::refuse_undetermined;
 use super::fitter::{Fitter, LONGEST_STEP_S, PROMISE, Recorded, TIGHTNESS};
 use super::measure::Measurements;
@@ -36,7 +36,16 @@ pub fn output_error(
     options: &OutputErrorOptions,
 ) -> Result<OutputErrorFit, IdentifyError> {
     let inputs = &model.inputs_of(inputs)?;
-    let mut fitter = Fitter::begin(model, Recorded { inputs, measurements }, options)?;
+    assemble(&solve(model, Recorded { inputs, measurements }, options)?)
+}
+
+/// Finds the fit to measurements that are in order; inputs are those that the model reads.
+pub(super) fn solve<'a>(
+    model: &FlightModel,
+    recorded: Recorded<'a>,
+    options: &OutputErrorOptions,
+) -> Result<Solved<'a>, IdentifyError> {
+    let mut fitter = Fitter::begin(model, recorded, options)?;
     fitter.close_gaps()?;
     let tightness = TIGHTNESS[3];
     if options.noise == NoiseModel::Scaled {
@@ -54,12 +63,11 @@ pub fn output_error(
     if !fitter.converged {
         return Err(fitter.not_converged(tightness));
     }
-    let channels = measurements.channels().len();
+    let channels = fitter.problem.weights.len();
     let correlated = options.noise == NoiseModel::Scaled && correlation_lag(&white, channels) > 0;
     let coloured = if correlated { fitter.weigh_colour(white.clone(), tightness)? } else { None };
     let (linear, colour) = coloured.map_or((white, None), |(linear, colour)| (linear, Some(colour)));
-    let known = Covariance::new(&linear, fitter.free().len(), channels)?;
-    Ok(assemble(&fitter, &linear, &known, colour.as_ref()))
+    Ok(Solved { fitter, linear, colour })
 }
 
 impl Fitter<'_> {

@@ -5,7 +5,7 @@ use super::model::FlightModel;
 use super::prediction::predict_poses;
 use super::{
     Disagreement, Estimates, ImageMeasurements, InitialStates, OutputErrorFit, OutputErrorOptions,
-    disagreement, output_error,
+    disagreement, output_error, search_structure,
 };
 use crate::{Estimator, Identification, IdentifyError};
 use mavsight_flight::{InputSeries, Vehicle};
@@ -42,6 +42,8 @@ pub struct FlightFitOptions {
     pub clock: InputClock,
     /// From and to: what is seen in this part of the flight is not fitted but predicted.
     pub held_out_s: Option<(f64, f64)>,
+    /// Whether terms that the model's file marks as candidates are searched ([`search_structure`]).
+    pub search: bool,
 }
 
 impl FlightFitOptions {
@@ -99,7 +101,9 @@ impl FlightFits {
     ///
     /// Where the clocks are not known to agree, the lag of the inputs is free too: what is not known of it is
     /// then in all intervals. A flight that does not determine it is fitted without. What is held out enters
-    /// no fit; each then predicts its poses.
+    /// no fit; each then predicts its poses. Candidate terms are searched on the poses; the fit to the images
+    /// has those that were added, and the notes of the fit to the poses say which and why. With a search the
+    /// further states begin anywhere.
     ///
     /// # Errors
     /// A vehicle that is not valid; refusals of a fit become sentences.
@@ -110,40 +114,38 @@ impl FlightFits {
         images: Option<Images<'_>>,
         options: &FlightFitOptions,
     ) -> Result<Self, IdentifyError> {
-        let model = FlightModel::new(vehicle, inputs)?;
+        let mut model = FlightModel::new(vehicle, inputs)?;
         let stretch_s = fitted_stretch_s(poses);
         let begins =
             stretch_s.is_none_or(|(from_s, _)| poses.first().is_some_and(|p| seconds(p.t_ns) >= from_s));
-        let initial = if begins { InitialStates::AsModelled } else { InitialStates::Free };
+        // A search doubts the model, and so the trim in which it begins.
+        let is_known = begins && !options.search;
+        let initial = if is_known { InitialStates::AsModelled } else { InitialStates::Free };
         let defaults = OutputErrorOptions { initial, ..OutputErrorOptions::default() };
         let poses = within(poses, stretch_s, |p| p.t_ns);
         let images =
             images.map(|i| Images { observations: within(i.observations, stretch_s, |o| o.t_ns), ..i });
-        let fit = |measured: Result<Measurements, IdentifyError>| {
-            let measured = measured?;
-            let fit = |model: &FlightModel| output_error(model, inputs, &measured, &defaults);
-            if options.clock == InputClock::Known {
-                return fit(&model);
-            }
-            match fit(&model.clone().with_free_lag()) {
-                // Shifted times may lie outside the inputs, or the inputs may move too little to determine
-                // the lag.
-                Err(
-                    IdentifyError::NotDetermined { .. }
-                    | IdentifyError::Flight(_)
-                    | IdentifyError::FitNotConverged { .. },
-                ) => fit(&model),
-                fitted => fitted,
-            }
-        };
         let out: Vec<PoseSample> = poses.iter().filter(|p| options.holds_out(p.t_ns)).cloned().collect();
         let fitted = poses.iter().filter(|p| !options.holds_out(p.t_ns));
-        let states = || Ok(Measurements::States(StateMeasurement::of_poses(fitted)));
-        let (poses, image) = std::thread::scope(|scope| {
-            let image = images.map(|images| scope.spawn(move || fit(images.measurements(options))));
-            (fit(states()), image.and_then(|handle| handle.join().ok()))
-        });
+        let states = Measurements::States(StateMeasurement::of_poses(fitted));
         let mut refusals = Vec::new();
+        let search = options.search.then(|| {
+            with_clock(&model, options.clock, |model| search_structure(model, inputs, &states, &defaults))
+        });
+        let found = search.and_then(|search| {
+            search.map_err(|why| refusals.push(format!("No search for missing terms: {why}"))).ok()
+        });
+        if let Some(found) = &found {
+            model = found.extended(model)?;
+        }
+        let fit = |measured: &Measurements| {
+            with_clock(&model, options.clock, |model| output_error(model, inputs, measured, &defaults))
+        };
+        let (poses, image) = std::thread::scope(|scope| {
+            let image = images.map(|images| scope.spawn(move || fit(&images.measurements(options)?)));
+            let poses = found.map_or_else(|| fit(&states), |found| Ok(found.into_fit()));
+            (poses, image.and_then(|handle| handle.join().ok()))
+        });
         let mut kept = |what: &str, fit: Result<OutputErrorFit, IdentifyError>| {
             let mut fit = fit.map_err(|why| refusals.push(format!("No output error {what}: {why}"))).ok()?;
             if options.held_out_s.is_some() {
@@ -185,6 +187,27 @@ impl FlightFits {
         }));
         let pairs = (0..all.len()).flat_map(|k| (k + 1..all.len()).map(move |l| (k, l)));
         pairs.filter_map(|(k, l)| compare(&all[k], &all[l])).collect()
+    }
+}
+
+/// A fit of a model with the lag of the inputs free too, where their clock is not known; without, where the
+/// flight does not determine it.
+fn with_clock<T>(
+    model: &FlightModel,
+    clock: InputClock,
+    fit: impl Fn(&FlightModel) -> Result<T, IdentifyError>,
+) -> Result<T, IdentifyError> {
+    if clock == InputClock::Known {
+        return fit(model);
+    }
+    match fit(&model.clone().with_free_lag()) {
+        // Shifted times may lie outside the inputs, or the inputs may move too little to determine the lag.
+        Err(
+            IdentifyError::NotDetermined { .. }
+            | IdentifyError::Flight(_)
+            | IdentifyError::FitNotConverged { .. },
+        ) => fit(model),
+        fitted => fitted,
     }
 }
 

@@ -131,6 +131,26 @@ impl ImageMeasurements {
         })
     }
 
+    /// The observations of some instants, with the same nuisances.
+    pub(crate) fn at(&self, instants: &[usize]) -> Self {
+        let own = || instants.iter().flat_map(|i| self.first[*i]..self.first[*i + 1]);
+        let columns: Vec<usize> = own().flat_map(|k| [2 * k, 2 * k + 1]).collect();
+        let mut first = vec![0];
+        first.extend(instants.iter().scan(0, |end, i| {
+            *end += self.first[*i + 1] - self.first[*i];
+            Some(*end)
+        }));
+        Self {
+            cameras: self.cameras.clone(),
+            markers: self.markers.clone(),
+            observations: own().map(|k| self.observations[k]).collect(),
+            whiteners: own().map(|k| self.whiteners[k]).collect(),
+            first,
+            poses: instants.iter().map(|i| self.poses[*i]).collect(),
+            directions: self.directions.select_columns(&columns),
+        }
+    }
+
     pub(crate) fn times_s(&self) -> Vec<f64> {
         let instants = &self.first[..self.poses.len()];
         instants.iter().map(|k| self.observations[*k].t_ns as f64 * 1e-9).collect()

@@ -70,7 +70,14 @@ pub enum Measurements {
     States(Vec<StateMeasurement>),
     /// Markers in images.
     Image(ImageMeasurements),
+    /// Measurements of which some instants are not fitted; the motion there is only where segments begin to
+    /// be fitted from, as long gaps without would keep a fit from converging.
+    Part(Box<Measurements>, LeftOut),
 }
+
+/// Of each instant, whether it is not fitted.
+#[derive(Debug, Clone)]
+pub struct LeftOut(pub(crate) Vec<bool>);
 
 const POSE_CHANNELS: [&str; SEEN] = ["x", "y", "z", "turn_x", "turn_y", "turn_z"];
 
@@ -79,6 +86,7 @@ impl Measurements {
         match self {
             Self::States(s) => s.iter().map(StateMeasurement::t_s).collect(),
             Self::Image(i) => i.times_s(),
+            Self::Part(all, _) => all.times_s(),
         }
     }
 
@@ -86,6 +94,7 @@ impl Measurements {
         match self {
             Self::States(_) => POSE_CHANNELS.map(str::to_owned).to_vec(),
             Self::Image(i) => i.channels(),
+            Self::Part(all, _) => all.channels(),
         }
     }
 
@@ -93,6 +102,7 @@ impl Measurements {
         match self {
             Self::States(s) => s.iter().map(|m| m.systematic.len() / SEEN).max().unwrap_or(0),
             Self::Image(i) => i.nuisances(),
+            Self::Part(all, _) => all.nuisances(),
         }
     }
 
@@ -103,6 +113,19 @@ impl Measurements {
                 s.iter().enumerate().filter_map(|(i, m)| m.pose.map(|(pose, _)| (i, pose))).collect()
             }
             Self::Image(i) => i.poses(),
+            Self::Part(all, _) => all.poses(),
+        }
+    }
+
+    /// The measurements of some instants.
+    pub(crate) fn at(&self, instants: &[usize]) -> Self {
+        match self {
+            Self::States(s) => Self::States(instants.iter().map(|i| s[*i].clone()).collect()),
+            Self::Image(i) => Self::Image(i.at(instants)),
+            Self::Part(all, LeftOut(left_out)) => {
+                let own = LeftOut(instants.iter().map(|i| left_out[*i]).collect());
+                Self::Part(Box::new(all.at(instants)), own)
+            }
         }
     }
 
@@ -110,6 +133,8 @@ impl Measurements {
         match self {
             Self::States(s) => pose_rows(&s[instant], y),
             Self::Image(i) => i.rows(instant, y),
+            Self::Part(_, LeftOut(left_out)) if left_out[instant] => Ok(Vec::new()),
+            Self::Part(all, _) => all.rows(instant, y),
         }
     }
 
@@ -121,7 +146,11 @@ impl Measurements {
                 return Err(IdentifyError::MeasurementTimes { t_s: pair[1], before_s: pair[0] });
             }
         }
-        let Self::States(samples) = self else { return Ok(()) };
+        let samples = match self {
+            Self::States(samples) => samples,
+            Self::Image(_) => return Ok(()),
+            Self::Part(all, _) => return all.check(),
+        };
         for s in samples {
             if let Some((pose, covariance)) = &s.pose {
                 let is_finite = pose.to_homogeneous().iter().all(|v| v.is_finite());

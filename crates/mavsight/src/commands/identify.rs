@@ -97,5 +97,10 @@ fn options(args: &Identify, vehicle: &Vehicle) -> Result<IdentifyOptions> {
     } else {
         !args.estimator.iter().any(|name| is_output_error(&name))
     };
-    Ok(IdentifyOptions { table, fit, lag_s: args.lag, stepwise: args.stepwise, equation_error_only })
+    if args.search && equation_error_only {
+        let what = "--search: terms are searched by output error, which this call leaves out; name oe among the estimators";
+        return Err(WrongCall(what.into()).into());
+    }
+    let (lag_s, stepwise, search) = (args.lag, args.stepwise, args.search);
+    Ok(IdentifyOptions { table, fit, lag_s, stepwise, search, equation_error_only })
 }

@@ -23,6 +23,7 @@ pub(crate) fn run(args: &Run) -> Result<()> {
         equation_error_only: args.equation_error_only,
         lag_s: args.lag,
         held_out_s: args.hold_out,
+        search: args.search,
         results_folder: Some(&args.out),
     };
     let mut results = mavsight_engine::run(&session, &options, &bars)?;

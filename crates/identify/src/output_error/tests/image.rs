@@ -10,7 +10,8 @@ use mavsight_random::Random;
 use mavsight_simulator::{FlightState, Scenario, true_values};
 use nalgebra::Point3;
 
-const KNOWN: FlightFitOptions = FlightFitOptions { clock: InputClock::Known, held_out_s: None };
+const KNOWN: FlightFitOptions =
+    FlightFitOptions { clock: InputClock::Known, held_out_s: None, search: false };
 
 pub(crate) fn rig() -> Rig {
     let size = ImageSize { width_px: 640, height_px: 480 };
@@ -46,7 +47,7 @@ pub(crate) fn markers(vehicle: &Vehicle) -> Vec<BodyMarker> {
 }
 
 /// What the cameras see, with white noise of `std_px` and further displacements.
-fn seen(
+pub(crate) fn seen(
     states: &[FlightState],
     (rig, markers): (&Rig, &[BodyMarker]),
     std_px: f64,
@@ -111,7 +112,7 @@ fn pixels_give_the_truth_within_their_intervals() {
     assert!((0.9..1.1).contains(&mean), "{mean}");
 }
 
-fn samples(states: &[FlightState], random: &mut Random) -> Vec<PoseSample> {
+pub(crate) fn samples(states: &[FlightState], random: &mut Random) -> Vec<PoseSample> {
     let estimate = |world_from_body| PoseEstimate::new(world_from_body, &pose_covariance());
     noisy_poses(states, 1.0, random)
         .into_iter()
