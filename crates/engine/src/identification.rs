@@ -3,7 +3,7 @@
 use crate::parts::{held_long, longest_without_gap, part_covered, part_without_gap, with_part};
 use crate::{EngineError, Flight};
 use mavsight_flight::{InputSeries, Vehicle};
-use mavsight_identify::output_error::{FlightFitOptions, FlightFits, Images, InputClock};
+use mavsight_identify::output_error::{FlightFitOptions, FlightFits, Images, InputClock, MotionFits};
 use mavsight_identify::{IdentifyError, RegressionError};
 use mavsight_pipeline::{
     MARKERS_STD_M, PipelineError, Progress, Solution, Stage, body_markers, identify_motion, motion_from_poses,
@@ -74,7 +74,7 @@ pub fn identify_from_motion(
         }
         Err(refusal) => results.notes.push(format!("No parameters: {refusal}")),
     }
-    if !flight.options.equation_error_only && !results.poses.is_empty() {
+    if flight.options.motion_fits != MotionFits::NONE && !results.poses.is_empty() {
         progress.begin(Stage::Identify, None);
         results.output_error = output_error(results, flight, inputs.as_ref().unwrap_or(recorded))?;
         results.notes.extend(results.output_error.refusals.iter().cloned());
@@ -149,7 +149,7 @@ fn output_error(
     });
     let clock = if flight.options.lag_s.is_some() { InputClock::Known } else { InputClock::Free };
     let (held_out_s, search) = (flight.options.fit.held_out_s, flight.options.search);
-    let options = FlightFitOptions { clock, held_out_s, search };
+    let options = FlightFitOptions { clock, held_out_s, fits: flight.options.motion_fits, search };
     let poses = inputs.covered(&results.poses, |p| p.t_ns);
     let fits = FlightFits::of_flight(flight.vehicle, inputs, poses, images, &options);
     Ok(fits.map_err(PipelineError::from)?)

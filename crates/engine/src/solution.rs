@@ -5,7 +5,7 @@ use crate::identification::identify_into;
 use crate::{EngineError, TrackedFlight, calibrate, track};
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_identify::EquationFile;
-use mavsight_identify::output_error::fitted_stretch_s;
+use mavsight_identify::output_error::{MotionFits, fitted_stretch_s};
 use mavsight_pipeline::{IdentifyOptions, Progress, motion_of, systematic_columns};
 use mavsight_pose::{MarkerObservation, PoseEstimate};
 use mavsight_session::{RunResults, Session, write_markers_early};
@@ -54,8 +54,9 @@ impl<'a> Flight<'a> {
         let mut identify = IdentifyOptions::default();
         identify.table.equations = input(session.equations())?;
         let is_other = |file: &EquationFile| file.is_of_another_aircraft(&session.vehicle);
-        identify.equation_error_only =
-            options.equation_error_only || identify.table.equations.as_ref().is_some_and(is_other);
+        if options.equation_error_only || identify.table.equations.as_ref().is_some_and(is_other) {
+            identify.motion_fits = MotionFits::NONE;
+        }
         identify.lag_s = options.lag_s;
         identify.fit.held_out_s = options.held_out_s;
         identify.search = options.search;

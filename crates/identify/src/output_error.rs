@@ -38,12 +38,15 @@ mod squares;
 mod start;
 mod structure;
 
-pub use ahead::{AheadErrors, predict_ahead};
+pub use ahead::{AheadErrors, PoseErrors, predict_ahead};
 pub use disagreement::{Disagreement, Estimates, disagreement};
 pub use expected::{ExpectedFit, ExpectedParameter, expected_fit};
 pub use filter::filter_error;
 pub use fit::output_error;
-pub use flight::{Comparison, FlightFitOptions, FlightFits, Images, InputClock, fitted_stretch_s};
+pub use flight::{
+    Comparison, FILTER_ERROR, FlightFitOptions, FlightFits, Images, InputClock, MotionFits, OUTPUT_ERROR,
+    fitted_stretch_s,
+};
 pub use image::ImageMeasurements;
 pub use measure::{LeftOut, Measurements, StateMeasurement};
 pub use model::{FlightModel, ModelParameter};

@@ -188,8 +188,8 @@ pub(crate) struct Identify {
     /// Equations in place of those of the vehicle's model, or another flight model
     #[arg(long, value_name = "FILE")]
     pub(crate) model: Option<PathBuf>,
-    /// Estimators, of ols, wls, tls, gtls, fd, and oe for output error from poses [default: ols,tls,gtls,
-    /// and oe where no model is given]
+    /// Estimators, of ols, wls, tls, gtls, fd, oe for output error and fe for filter error from poses
+    /// [default: ols,tls,gtls, and oe,fe where no model is given]
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub(crate) estimator: Vec<String>,
     /// Band of the estimator fd, Hz

@@ -3,7 +3,7 @@
 use crate::tracked::Tracked;
 use crate::{PipelineError, Progress, Stage};
 use mavsight_flight::{InputSeries, Vehicle};
-use mavsight_identify::output_error::fitted_stretch_s;
+use mavsight_identify::output_error::{MotionFits, fitted_stretch_s};
 use mavsight_identify::{
     Clocks, CoefficientTable, FitOptions, Identification, IdentifyError, Options, SignalErrors,
     choose_structure, coefficients, delayed, estimate_lag, identify_with,
@@ -25,8 +25,8 @@ pub struct IdentifyOptions {
     pub stepwise: bool,
     /// Whether output error searches the terms that the model's file marks as candidates.
     pub search: bool,
-    /// Whether output error is left out.
-    pub equation_error_only: bool,
+    /// Fits of the equations of motion.
+    pub motion_fits: MotionFits,
 }
 
 /// Coefficients and parameters of one flight.

@@ -5,7 +5,9 @@ use crate::html::row;
 use crate::parameters::{lead, motion_rows, parameter_table, with_unit, words};
 use crate::summary::Summary;
 use mavsight_identify::Agreement;
-use mavsight_identify::output_error::{Comparison, Extent, FlightFits, OutputErrorFit, Prediction};
+use mavsight_identify::output_error::{
+    AheadErrors, Comparison, Extent, FILTER_ERROR, FlightFits, OutputErrorFit, PoseErrors, Prediction,
+};
 use mavsight_session::RunResults;
 use serde_json::json;
 
@@ -25,6 +27,13 @@ pub(crate) fn summarise(summary: &mut Summary, results: &RunResults) {
             let shown = format!("{:.0} % for {extent}", 100.0 * share);
             section.add("correlated", "correlated part of the errors", value, shown);
         }
+        for (what, e) in fit.ahead.iter().flat_map(|a| [("ahead", a.model), ("held_ahead", a.held)]) {
+            section.hidden(format!("{what}_position_rms"), e.position_m);
+            section.hidden(format!("{what}_attitude_rms"), e.attitude_rad);
+        }
+        for (noise, root) in &fit.process_noise {
+            section.hidden(format!("process_noise_{}", noise.replace(' ', "_")), *root);
+        }
         if let Some(held) = &fit.held_out {
             for (coordinate, a) in Prediction::COORDINATES.iter().zip(&held.agreements) {
                 for (what, value) in [("r2", a.r2), ("theil", a.theil), ("rms", a.rms)] {
@@ -33,6 +42,7 @@ pub(crate) fn summarise(summary: &mut Summary, results: &RunResults) {
             }
             summary.verdicts.push(prediction(name, held));
         }
+        summary.verdicts.extend(fit.ahead.iter().map(|ahead| ahead_of(name, ahead)));
         let mut section = summary.section("parameters");
         for p in fit.parameters.iter().filter(|p| p.identifiable) {
             let label = format!("{} ({name})", with_unit(p));
@@ -68,6 +78,22 @@ fn prediction(name: &str, held: &Prediction) -> String {
     )
 }
 
+fn ahead_of(name: &str, errors: &AheadErrors) -> String {
+    let shown =
+        |e: &PoseErrors| format!("{:.1} mm and {:.2}°", 1e3 * e.position_m, e.attitude_rad.to_degrees());
+    let is_better = errors.model.position_m < errors.held.position_m
+        && errors.model.attitude_rad < errors.held.attitude_rad;
+    let verdict = if is_better { "" } else { ": do not use its parameters" };
+    format!(
+        "{} predicts the part held out {} s ahead, {} times, to {}; holding velocity and rates, to {}{verdict}.",
+        words(name),
+        errors.horizon_s,
+        errors.count,
+        shown(&errors.model),
+        shown(&errors.held)
+    )
+}
+
 fn comparisons(results: &RunResults) -> Vec<Comparison> {
     let equations = results.identification.as_ref().and_then(|i| Some((i, lead(i)?)));
     results.output_error.comparisons(equations)
@@ -75,7 +101,9 @@ fn comparisons(results: &RunResults) -> Vec<Comparison> {
 
 fn sentence(c: &Comparison) -> String {
     let (first, second) = &c.between;
-    let verdict = if c.test.is_significant() {
+    let verdict = if c.test.is_significant() && second == FILTER_ERROR {
+        "disagree by more than their uncertainties allow: the model lacks something, for which filter error allows"
+    } else if c.test.is_significant() {
         "disagree by more than their uncertainties allow: the model of one of them lacks something"
     } else {
         "agree within their uncertainties"

@@ -1,7 +1,7 @@
 //! Tables and words for fitted parameters, whichever estimator found them.
 
 use crate::Table;
-use mavsight_identify::output_error::{FittedParameter, OutputErrorFit};
+use mavsight_identify::output_error::{FILTER_ERROR, FittedParameter, OUTPUT_ERROR, OutputErrorFit};
 use mavsight_identify::{Estimator, Identification, OutputFit};
 use mavsight_session::RunResults;
 
@@ -14,7 +14,8 @@ pub(crate) fn lead(identification: &Identification) -> Option<Estimator> {
 /// A fit for people, by the name that result files give it.
 pub(crate) fn words(name: &str) -> &str {
     match (name, Estimator::from_name(name)) {
-        ("oe", _) => "output error from the poses",
+        (OUTPUT_ERROR, _) => "output error from the poses",
+        (FILTER_ERROR, _) => "filter error",
         ("image", _) => "output error straight from the images",
         (_, Some(Estimator::LeastSquares)) => "least squares",
         (_, Some(Estimator::WeightedLeastSquares)) => "weighted least squares",

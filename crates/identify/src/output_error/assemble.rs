@@ -56,7 +56,9 @@ pub(super) fn assemble(solved: &Solved<'_>) -> Result<OutputErrorFit, IdentifyEr
     let factor = |(k, w): (usize, &f64)| w.powi(-2) * variances.as_ref().map_or(1.0, |v| v[k]);
     let factors = problem.weights.iter().enumerate().map(factor);
     let systematic = colour.map(|c| SystematicErrors { extent: c.extent(), share: c.correlated_share });
-    let notes = notes(&parameters, systematic, lag, uneven.is_some());
+    let process_noise = process_noise(fitter);
+    let mut notes = notes(&parameters, systematic, lag, uneven.is_some());
+    notes.extend(unmodelled(&process_noise));
     Ok(OutputErrorFit {
         parameters,
         covariance,
@@ -67,8 +69,9 @@ pub(super) fn assemble(solved: &Solved<'_>) -> Result<OutputErrorFit, IdentifyEr
         reduced_chi_square: linear.residuals().norm_squared() / degrees as f64,
         iterations: fitter.iterations,
         largest_gap_m,
-        process_noise: process_noise(fitter),
+        process_noise,
         held_out: None,
+        ahead: None,
         notes,
     })
 }
@@ -78,6 +81,22 @@ fn process_noise(fitter: &Fitter<'_>) -> Vec<(String, f64)> {
     let densities = &fitter.problem.process_noise.rows(VELOCITY, NOISES.len());
     let found = NOISES.iter().zip(densities).filter(|(_, density)| **density > 0.0);
     found.map(|(name, density)| ((*name).to_owned(), density.sqrt())).collect()
+}
+
+/// What the model lacks, in words: a white density is that of the mean of a second.
+fn unmodelled(process_noise: &[(String, f64)]) -> Option<String> {
+    let part = |from: usize| {
+        let roots = process_noise.iter().skip(from).take(3);
+        roots.map(|(_, root)| format!("{root:.2e}")).collect::<Vec<_>>().join(", ")
+    };
+    (!process_noise.is_empty()).then(|| {
+        format!(
+            "What the model lacks comes to {} m/s² along x, y, z and {} rad/s² about them in the mean of a second; the \
+             intervals allow for it.",
+            part(0),
+            part(3)
+        )
+    })
 }
 
 /// Derived quantities with intervals of so many standard deviations, from the covariance of the estimates.

@@ -5,7 +5,7 @@ use super::model::FlightModel;
 use super::prediction::predict_poses;
 use super::{
     Disagreement, Estimates, ImageMeasurements, InitialStates, OutputErrorFit, OutputErrorOptions,
-    disagreement, output_error, search_structure,
+    disagreement, filter_error, output_error, predict_ahead, search_structure,
 };
 use crate::{Estimator, Identification, IdentifyError};
 use mavsight_flight::{InputSeries, Vehicle};
@@ -35,6 +35,26 @@ pub enum InputClock {
     Free,
 }
 
+/// Which fits of the equations of motion are wanted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct MotionFits {
+    /// Output error, from poses and from images.
+    pub output_error: bool,
+    /// Filter error, from poses.
+    pub filter_error: bool,
+}
+
+impl MotionFits {
+    /// None of them.
+    pub const NONE: Self = Self { output_error: false, filter_error: false };
+}
+
+impl Default for MotionFits {
+    fn default() -> Self {
+        Self { output_error: true, filter_error: true }
+    }
+}
+
 /// What a user may choose of [`FlightFits::of_flight`].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct FlightFitOptions {
@@ -42,6 +62,8 @@ pub struct FlightFitOptions {
     pub clock: InputClock,
     /// From and to: what is seen in this part of the flight is not fitted but predicted.
     pub held_out_s: Option<(f64, f64)>,
+    /// The fits.
+    pub fits: MotionFits,
     /// Whether terms that the model's file marks as candidates are searched ([`search_structure`]).
     pub search: bool,
 }
@@ -58,6 +80,8 @@ impl FlightFitOptions {
 pub struct FlightFits {
     /// To the poses.
     pub poses: Option<OutputErrorFit>,
+    /// To the poses, by filter error.
+    pub filter: Option<OutputErrorFit>,
     /// To the images of the markers.
     pub image: Option<OutputErrorFit>,
     /// Parameters that would be free had the inputs moved what they act on.
@@ -74,6 +98,15 @@ pub struct FlightFits {
 /// A flight is fitted in one piece up to this length, since a fit holds tens of kilobytes for each instant: a
 /// minute is twenty time constants of the fly-bar, the slowest that is fitted, and six manoeuvres.
 const LONGEST_S: f64 = 60.0;
+
+/// How far ahead the part that is held out is predicted: long for a small aircraft, short enough for an unstable
+/// one.
+const AHEAD_S: f64 = 1.0;
+
+/// Names of fits in `parameters.csv`.
+pub const OUTPUT_ERROR: &str = "oe";
+/// See [`OUTPUT_ERROR`].
+pub const FILTER_ERROR: &str = "fe";
 
 /// Two estimates of the same parameters.
 #[derive(Debug, Clone, PartialEq)]
@@ -93,8 +126,8 @@ struct NamedEstimates {
 }
 
 impl FlightFits {
-    /// Fits the default model of a vehicle ([`FlightModel::new`]) to the poses and, where there are some, to
-    /// the images.
+    /// Fits the default model of a vehicle ([`FlightModel::new`]) to the poses, by output error and by filter
+    /// error, and to the images where there are some.
     ///
     /// Of a flight that is longer than a minute, the minute is fitted in which it turns most
     /// ([`fitted_stretch_s`]); its further states begin anywhere, where it is not the flight's first.
@@ -138,40 +171,53 @@ impl FlightFits {
         if let Some(found) = &found {
             model = found.extended(model)?;
         }
-        let fit = |measured: &Measurements| {
-            with_clock(&model, options.clock, |model| output_error(model, inputs, measured, &defaults))
+        let fit = |estimate: Estimate, measured: &Measurements| {
+            with_clock(&model, options.clock, |model| estimate(model, inputs, measured, &defaults))
         };
-        let (poses, image) = std::thread::scope(|scope| {
-            let image = images.map(|images| scope.spawn(move || fit(&images.measurements(options)?)));
-            let poses = found.map_or_else(|| fit(&states), |found| Ok(found.into_fit()));
-            (poses, image.and_then(|handle| handle.join().ok()))
+        let (poses, filter, image) = std::thread::scope(|scope| {
+            let image = images
+                .filter(|_| options.fits.output_error)
+                .map(|images| scope.spawn(move || fit(output_error, &images.measurements(options)?)));
+            let filter = options.fits.filter_error.then(|| scope.spawn(|| fit(filter_error, &states)));
+            let poses = match found {
+                Some(found) => Some(Ok(found.into_fit())),
+                None => options.fits.output_error.then(|| fit(output_error, &states)),
+            };
+            (poses, filter.and_then(|f| f.join().ok()), image.and_then(|handle| handle.join().ok()))
         });
         let mut kept = |what: &str, fit: Result<OutputErrorFit, IdentifyError>| {
-            let mut fit = fit.map_err(|why| refusals.push(format!("No output error {what}: {why}"))).ok()?;
+            let mut fit = fit.map_err(|why| refusals.push(format!("No {what}: {why}"))).ok()?;
             if options.held_out_s.is_some() {
-                let predicted = predict_poses(&model, &fit, inputs, &out);
-                fit.held_out =
-                    predicted.map_err(|why| refusals.push(format!("No prediction {what}: {why}"))).ok();
+                let refused = |why: IdentifyError| refusals.push(format!("No prediction by {what}: {why}"));
+                let states = StateMeasurement::of_poses(out.iter());
+                let predicted = predict_poses(&model, &fit, inputs, &out).map(Some);
+                let ahead = predict_ahead(&model, &fit, inputs, &states, AHEAD_S);
+                (fit.held_out, fit.ahead) = predicted
+                    .and_then(|predicted| Ok((predicted, ahead?)))
+                    .map_err(refused)
+                    .unwrap_or_default();
             }
             Some(fit)
         };
-        let poses = kept("from poses", poses);
-        let image = image.and_then(|fit| kept("from images", fit));
+        let poses = poses.and_then(|fit| kept("output error from poses", fit));
+        let filter = filter.and_then(|fit| kept("filter error", fit));
+        let image = image.and_then(|fit| kept("output error from images", fit));
         let own = model.inputs_of(inputs)?;
         let rows = (0..own.times_s().len()).map(|k| own.row(k));
         let equation_over_motion = model.model().equation_over_motion(model.values(), rows);
-        Ok(Self { poses, image, held: model.held(), refusals, stretch_s, equation_over_motion })
+        Ok(Self { poses, filter, image, held: model.held(), refusals, stretch_s, equation_over_motion })
     }
 
     /// The fits with their names in `parameters.csv`.
     pub fn named(&self) -> impl Iterator<Item = (&'static str, &OutputErrorFit)> {
-        [("oe", &self.poses), ("image", &self.image)]
+        [(OUTPUT_ERROR, &self.poses), (FILTER_ERROR, &self.filter), ("image", &self.image)]
             .into_iter()
             .filter_map(|(name, fit)| Some((name, fit.as_ref()?)))
     }
 
     /// Whether the estimators disagree: each pair of these fits in all they share, and each with equation
-    /// error by one estimator in what both call by the same name.
+    /// error by one estimator in what both call by the same name. Filter error is compared with output error
+    /// alone, which it is but for what the model lacks.
     pub fn comparisons(&self, equation_error: Option<(&Identification, Estimator)>) -> Vec<Comparison> {
         let mut all: Vec<NamedEstimates> = equation_error
             .and_then(|(i, e)| of_equations(i, e, &self.equation_over_motion))
@@ -186,9 +232,20 @@ impl FlightFits {
             },
         }));
         let pairs = (0..all.len()).flat_map(|k| (k + 1..all.len()).map(move |l| (k, l)));
-        pairs.filter_map(|(k, l)| compare(&all[k], &all[l])).collect()
+        let is_wanted = |(k, l): &(usize, usize)| {
+            let names = [all[*k].estimator, all[*l].estimator];
+            !names.contains(&FILTER_ERROR) || names.contains(&OUTPUT_ERROR)
+        };
+        pairs.filter(is_wanted).filter_map(|(k, l)| compare(&all[k], &all[l])).collect()
     }
 }
+
+type Estimate = fn(
+    &FlightModel,
+    &InputSeries,
+    &Measurements,
+    &OutputErrorOptions,
+) -> Result<OutputErrorFit, IdentifyError>;
 
 /// A fit of a model with the lag of the inputs free too, where their clock is not known; without, where the
 /// flight does not determine it.

@@ -1,5 +1,6 @@
 //! Results of an output-error fit.
 
+use super::ahead::AheadErrors;
 use super::model::{FlightModel, ModelParameter};
 use crate::{Agreement, IdentifyError};
 use nalgebra::DMatrix;
@@ -103,6 +104,8 @@ pub struct OutputErrorFit {
     pub process_noise: Vec<(String, f64)>,
     /// How it predicts what was held out of the fit.
     pub held_out: Option<Prediction>,
+    /// How it predicts that a second ahead.
+    pub ahead: Option<AheadErrors>,
     /// What a user should know, in sentences.
     pub notes: Vec<String>,
 }

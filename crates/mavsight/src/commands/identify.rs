@@ -9,6 +9,7 @@ use crate::progress::Bars;
 use anyhow::Result;
 use mavsight_engine::{Flight, identify_from_motion, identify_from_poses};
 use mavsight_flight::Vehicle;
+use mavsight_identify::output_error::{FILTER_ERROR, MotionFits, OUTPUT_ERROR};
 use mavsight_identify::{Band, Bandwidth, EquationFile, Estimator, FitOptions, Options};
 use mavsight_pipeline::IdentifyOptions;
 use mavsight_report::{Summary, parameter_text};
@@ -67,12 +68,11 @@ fn session_of(args: &Identify) -> Option<String> {
     summary["session"].as_str().map(str::to_owned)
 }
 
-const OUTPUT_ERROR: &str = "oe";
-
 fn options(args: &Identify, vehicle: &Vehicle) -> Result<IdentifyOptions> {
-    let is_output_error = |name: &&String| name.as_str() == OUTPUT_ERROR;
+    let is_of_motion = |name: &&String| [OUTPUT_ERROR, FILTER_ERROR].contains(&name.as_str());
     let estimator = |name: &String| {
-        let known = || Estimator::ALL.map(Estimator::name).join(", ") + ", " + OUTPUT_ERROR;
+        let of_motion = [OUTPUT_ERROR, FILTER_ERROR].join(", ");
+        let known = || Estimator::ALL.map(Estimator::name).join(", ") + ", " + &of_motion;
         let wrong =
             || WrongCall(format!("--estimator {name}: there is none of that name; there are {}", known()));
         Estimator::from_name(name).ok_or_else(wrong)
@@ -83,7 +83,7 @@ fn options(args: &Identify, vehicle: &Vehicle) -> Result<IdentifyOptions> {
         ..FitOptions::default()
     };
     if !args.estimator.is_empty() {
-        let equations = args.estimator.iter().filter(|name| !is_output_error(name));
+        let equations = args.estimator.iter().filter(|name| !is_of_motion(name));
         fit.estimators = equations.map(estimator).collect::<Result<_, _>>()?;
     }
     let table = Options {
@@ -92,15 +92,18 @@ fn options(args: &Identify, vehicle: &Vehicle) -> Result<IdentifyOptions> {
         ..Options::default()
     };
     let is_other = |file: &EquationFile| file.is_of_another_aircraft(vehicle);
-    let equation_error_only = if args.estimator.is_empty() {
-        table.equations.as_ref().is_some_and(is_other)
+    let has = |name: &str| args.estimator.iter().any(|own| own == name);
+    let motion_fits = if !args.estimator.is_empty() {
+        MotionFits { output_error: has(OUTPUT_ERROR), filter_error: has(FILTER_ERROR) }
+    } else if table.equations.as_ref().is_some_and(is_other) {
+        MotionFits::NONE
     } else {
-        !args.estimator.iter().any(|name| is_output_error(&name))
+        MotionFits::default()
     };
-    if args.search && equation_error_only {
+    if args.search && !motion_fits.output_error {
         let what = "--search: terms are searched by output error, which this call leaves out; name oe among the estimators";
         return Err(WrongCall(what.into()).into());
     }
     let (lag_s, stepwise, search) = (args.lag, args.stepwise, args.search);
-    Ok(IdentifyOptions { table, fit, lag_s, stepwise, search, equation_error_only })
+    Ok(IdentifyOptions { table, fit, lag_s, stepwise, search, motion_fits })
 }

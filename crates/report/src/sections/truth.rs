@@ -1,6 +1,8 @@
 //! Errors against what is known to be true.
 
+use crate::parameters::words;
 use crate::summary::Summary;
+use mavsight_identify::output_error::{FILTER_ERROR, OUTPUT_ERROR};
 use mavsight_score::Scores;
 use serde_json::json;
 
@@ -37,8 +39,7 @@ pub(super) fn add(summary: &mut Summary, scores: &Scores) {
         let key = format!("{}_{}_error_percent", p.estimator, p.name.replace(',', "_"));
         section.add(key, label, json!(p.error_percent), format!("{percent}{held} its interval"));
     }
-    for (name, shown_as) in [("oe", "output error from the poses"), ("image", "output error from the images")]
-    {
+    for name in [OUTPUT_ERROR, FILTER_ERROR, "image"] {
         let own = || scores.output_error.iter().filter(|p| p.estimator == name);
         let (inside, count) = (own().filter(|p| p.in_interval).count(), own().count());
         if count == 0 {
@@ -47,7 +48,7 @@ pub(super) fn add(summary: &mut Summary, scores: &Scores) {
         let outside: Vec<&str> = own().filter(|p| !p.in_interval).map(|p| p.name.as_str()).collect();
         let beyond =
             if outside.is_empty() { String::new() } else { format!("; outside: {}", outside.join(", ")) };
-        let label = format!("{shown_as}: true values inside the 95 % intervals");
+        let label = format!("{}: true values inside the 95 % intervals", words(name));
         let key = format!("{name}_inside_of");
         section.add(key, label, json!([inside, count]), format!("{inside} of {count}{beyond}"));
     }
