@@ -9,8 +9,8 @@
 //!
 //! Where residuals are not white, part of each channel's errors is taken to last for some time; its share and
 //! the time are found by restricted maximum likelihood and weighed. What is still correlated then widens the
-//! standard deviations (Morelli & Klein 1997). The process itself is taken as free of noise: wind, or a model
-//! that lacks a term, is treated as such errors.
+//! standard deviations (Morelli & Klein 1997). Output error takes the process itself as free of noise: wind, or a
+//! model that lacks a term, is treated as such errors. Filter error estimates its noise.
 
 mod ahead;
 mod assemble;

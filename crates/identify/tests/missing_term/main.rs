@@ -1,11 +1,11 @@
-//! Structure search on flights whose aircraft has a drag of 0.1 N s/m that the model lacks, flown by an
-//! independent simulator.
+//! Flights whose aircraft has a drag of 0.1 N s/m that the model lacks, flown by an independent simulator.
 
-use mavsight_flight::{InputSeries, Vehicle};
-use mavsight_geometry::{EulerAngles, Matrix6, Vector3, world_from_body};
+mod flights;
+
+use flights::{Flown, TRUTH};
 use mavsight_identify::output_error::{
-    FittedParameter, FlightModel, InitialStates, Measurements, NotAdded, OutputErrorOptions,
-    StateMeasurement, StructureSearch, search_structure,
+    FittedParameter, InitialStates, NotAdded, OutputErrorFit, OutputErrorOptions, StructureSearch,
+    filter_error, output_error, search_structure,
 };
 use std::path::{Path, PathBuf};
 
@@ -20,36 +20,14 @@ fn folder() -> Option<PathBuf> {
     Some(folder)
 }
 
-/// Names of the columns, and rows.
-fn table(path: &Path) -> (Vec<String>, Vec<Vec<f64>>) {
-    let text = std::fs::read_to_string(path).expect("a table");
-    let mut lines = text.lines();
-    let names = lines.next().expect("names").split(',').map(str::to_owned).collect();
-    let row = |line: &str| line.split(',').map(|cell| cell.parse().expect("a number")).collect();
-    (names, lines.map(row).collect())
-}
-
-/// A row has time, then value and standard deviation of each coordinate.
-fn pose(row: &[f64]) -> StateMeasurement {
-    let angles = EulerAngles { phi_rad: row[7], theta_rad: row[9], psi_rad: row[11] };
-    let pose = world_from_body(Vector3::new(row[1], row[3], row[5]), angles);
-    let variances = [2, 4, 6, 8, 10, 12].map(|k| row[k] * row[k]);
-    StateMeasurement::of_pose((row[0] * 1e9).round() as i64, pose, Matrix6::from_diagonal(&variances.into()))
+fn flown(flight: usize) -> Option<Flown> {
+    Some(Flown::read(&folder()?, flight).expect("a flight"))
 }
 
 fn search(flight: usize, initial: InitialStates) -> Option<StructureSearch> {
-    let folder = folder()?;
-    let text = std::fs::read_to_string(folder.join("vehicle.toml")).expect("a vehicle");
-    let vehicle: Vehicle = toml::from_str(&text).expect("a vehicle");
-    let (names, rows) = table(&folder.join(format!("inputs-{flight}.csv")));
-    let times_s = rows.iter().map(|r| r[0]).collect();
-    let values = rows.iter().flat_map(|r| &r[1..]).copied().collect();
-    let inputs = InputSeries::new(names[1..].to_vec(), times_s, values).expect("inputs");
-    let (_, rows) = table(&folder.join(format!("poses-{flight}.csv")));
-    let poses = rows.iter().filter(|row| row[0] <= inputs.end_s()).map(|row| pose(row)).collect();
-    let model = FlightModel::new(&vehicle, &inputs).expect("a model").with_free_lag();
+    let Flown { model, inputs, measurements } = flown(flight)?;
     let options = OutputErrorOptions { initial, ..OutputErrorOptions::default() };
-    Some(search_structure(&model, &inputs, &Measurements::States(poses), &options).expect("a search"))
+    Some(search_structure(&model, &inputs, &measurements, &options).expect("a search"))
 }
 
 /// That the drag was found and nothing else, and that the intervals hold the truth.
@@ -97,4 +75,24 @@ fn a_first_choice_that_a_later_one_replaces_is_taken_back() {
     let replaced: Vec<&str> =
         search.not_added.iter().filter(|t| t.reason == NotAdded::Replaced).map(|t| t.name.as_str()).collect();
     assert_eq!(replaced, ["C_m,u"], "{:?}", search.notes());
+}
+
+/// Of the flights that output error has most wrong: the fly-bar's time constant is 20 and more standard deviations off.
+#[test]
+fn intervals_of_filter_error_hold_where_those_of_output_error_do_not() {
+    let (mut by_filter, mut by_output) = (0, 0);
+    for flight in 11..=13 {
+        let Some(Flown { model, inputs, measurements }) = flown(flight) else { return };
+        let options = OutputErrorOptions::default();
+        let inside = |fit: &OutputErrorFit| {
+            let holds = |(name, truth): &&(&str, f64)| {
+                let p = fit.parameter(name).expect("free");
+                (p.ci_low..=p.ci_high).contains(truth)
+            };
+            TRUTH.iter().filter(holds).count()
+        };
+        by_filter += inside(&filter_error(&model, &inputs, &measurements, &options).expect("a fit"));
+        by_output += inside(&output_error(&model, &inputs, &measurements, &options).expect("a fit"));
+    }
+    assert!(by_filter >= 27 && by_output <= 20, "{by_filter} and {by_output} of 30");
 }
