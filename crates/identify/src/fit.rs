@@ -137,6 +137,9 @@ pub struct OutputFit {
     pub left_out: usize,
     /// More of that kind.
     pub diagnostics: Diagnostics,
+    /// Whether the fit is of use; if not, being further from what was measured than the mean is, none of its
+    /// parameters is determined.
+    pub explains: bool,
     /// What that means, in words.
     pub verdict: String,
 }

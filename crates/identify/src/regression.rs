@@ -218,7 +218,7 @@ impl<'a> Regression<'a> {
 
     /// Puts estimates of the independent columns into the model's order.
     fn report(&self, solved: &Solved) -> Result<OutputFit, IdentifyError> {
-        let (parameters, combinations) = self.parameters(solved);
+        let (mut parameters, mut combinations) = self.parameters(solved);
         let mut factors = vec![0.0; self.output.columns.len()];
         for (column, value) in self.dependence.independent.iter().zip(&solved.values) {
             factors[*column] = *value;
@@ -226,6 +226,13 @@ impl<'a> Regression<'a> {
         let at_means: f64 = self.x_means.iter().zip(&factors).map(|(x, f)| x * f).sum();
         let line = Line { offset: self.y_mean - at_means, factors };
         let diagnostics = self.diagnostics(&solved.errors.covariance, &line)?;
+        let explains = self.explains(&diagnostics);
+        if !explains {
+            combinations.clear();
+            parameters
+                .iter_mut()
+                .for_each(|p| *p = Parameter { name: p.name.clone(), ..Parameter::default() });
+        }
         let mut fit = OutputFit {
             output: self.output.name.clone(),
             estimator: self.estimator,
@@ -236,10 +243,19 @@ impl<'a> Regression<'a> {
             line,
             left_out: self.table.instants_in_gaps(),
             diagnostics,
+            explains,
             verdict: String::new(),
         };
         fit.verdict = verdict::words(self.output, &self.dependence, &fit);
         Ok(fit)
+    }
+
+    /// Whether a fit is of use: not where it is further from what was measured than the mean is, and further than
+    /// least squares is from blocks that it leaves out. Total least squares ends there where the errors of regressors
+    /// are as large as what the flight moves. In the frequency domain the mean is no rival.
+    fn explains(&self, diagnostics: &Diagnostics) -> bool {
+        let own = diagnostics.fit.r2;
+        self.estimator == Estimator::FrequencyDomain || own >= 0.0 || own >= diagnostics.predicted_r2
     }
 
     fn parameters(&self, solved: &Solved) -> (Vec<Parameter>, Vec<Combination>) {

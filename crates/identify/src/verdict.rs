@@ -23,7 +23,11 @@ pub(crate) fn combination(output: &Output, dependence: &Dependence, position: us
 }
 
 pub(crate) fn words(output: &Output, dependence: &Dependence, fit: &OutputFit) -> String {
-    let mut text = determined(output, fit);
+    let explained = explained(output, fit);
+    if !fit.explains {
+        return explained + REMEDY;
+    }
+    let mut text = explained + &determined(output, fit);
     // The frequency domain leaves constants out on purpose.
     if fit.estimator != Estimator::FrequencyDomain && !dependence.dependent.is_empty() {
         let name = |d: &DependentColumn| output.columns[d.column].name.as_str();
@@ -53,6 +57,26 @@ pub(crate) fn words(output: &Output, dependence: &Dependence, fit: &OutputFit) -
     }
     text
 }
+
+/// How much of the measured coefficient the fit explains, and how much least squares of blocks that it leaves out.
+fn explained(output: &Output, fit: &OutputFit) -> String {
+    let percent = |r2: f64| if r2 > 0.0 { format!("{:.0} %", 100.0 * r2) } else { "nothing".to_owned() };
+    let diagnostics = &fit.diagnostics;
+    if fit.estimator == Estimator::FrequencyDomain {
+        return String::new();
+    }
+    let own = percent(diagnostics.fit.r2);
+    let left_out = percent(diagnostics.predicted_r2);
+    format!(
+        "The model explains {own} of {}; least squares, {left_out} of parts that it leaves out. ",
+        output.name
+    )
+}
+
+/// What to do where a fit is further from what was measured than the mean is.
+const REMEDY: &str = "Do not use this fit: it is worse than the mean. The errors of the regressors are as large as what \
+                      the flight moves, so that total least squares does not distinguish them. Least squares (ols) and \
+                      the fits of the equations of motion (oe, fe) bear that; a livelier manoeuvre mends it.";
 
 /// The dependent columns, and those that they depend on.
 fn dependent_together<'a>(output: &'a Output, dependence: &Dependence) -> Vec<&'a Column> {
