@@ -91,11 +91,11 @@ pub struct StructureSearch {
 /// Fits the free parameters of a model by [`super::output_error`], and adds those of its candidate terms
 /// ([`mavsight_model::Parameter::candidate`]) for which the flight gives evidence.
 ///
-/// Two thirds of the flight are fitted; every third second is held out. At the fit each candidate that is not
+/// Two thirds of the flight are fitted; of pieces of two seconds every third is held out. At the fit each candidate that is not
 /// free is judged by a score test (Rao 1948), a chi-square of one degree whose variance allows for residuals
 /// that hang together (Newey & West 1987). If the strongest passes at the level of 1 % over all candidates
 /// that are left (Holm 1979), it is freed, fitted, and kept if the held-out part is then the more likely:
-/// flown in pieces of a second whose starts are found anew. Terms that an addition makes idle are held again.
+/// flown in pieces whose starts are found anew. Terms that an addition makes idle are held again.
 /// This repeats until no candidate passes; what was chosen is then fitted to the whole flight. Intervals do
 /// not allow for the choice.
 ///
