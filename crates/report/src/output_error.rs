@@ -81,11 +81,16 @@ fn prediction(name: &str, held: &Prediction) -> String {
 fn ahead_of(name: &str, errors: &AheadErrors) -> String {
     let shown =
         |e: &PoseErrors| format!("{:.1} mm and {:.2}°", 1e3 * e.position_m, e.attitude_rad.to_degrees());
-    let is_better = errors.model.position_m < errors.held.position_m
+    let is_better = errors.ran_away == 0
+        && errors.model.position_m < errors.held.position_m
         && errors.model.attitude_rad < errors.held.attitude_rad;
     let verdict = if is_better { "" } else { ": do not use its parameters" };
+    let ran_away = match errors.ran_away {
+        0 => String::new(),
+        count => format!(" ({count} of them ran away)"),
+    };
     format!(
-        "{} predicts the part held out {} s ahead, {} times, to {}; holding velocity and rates, to {}{verdict}.",
+        "{} predicts the part held out {} s ahead, {} times{ran_away}, to {}; holding velocity and rates, to {}{verdict}.",
         words(name),
         errors.horizon_s,
         errors.count,

@@ -36,6 +36,8 @@ pub struct AheadErrors {
     pub horizon_s: f64,
     /// Predictions.
     pub count: usize,
+    /// Predictions by the model that ran away: they are in no root mean square.
+    pub ran_away: usize,
     /// Of the model with the recorded inputs.
     pub model: PoseErrors,
     /// Of holding velocity (in the world) and rates (in the body): without any model.
@@ -73,12 +75,13 @@ pub fn predict_ahead(
         }
         let span = Span { from_s: last.t_s(), to_s: measured.t_s() };
         let y = filtered(&fitted, fit, inputs, before)?;
-        by_model.push(PoseErrors::between(&flown(&fitted, inputs, &y, span), &pose));
+        by_model.extend(flown(&fitted, inputs, &y, span).map(|p| PoseErrors::between(&p, &pose)));
         by_holding.push(PoseErrors::between(&held(&y, span), &pose));
     }
     Ok((!by_model.is_empty()).then(|| AheadErrors {
         horizon_s,
-        count: by_model.len(),
+        count: by_holding.len(),
+        ran_away: by_holding.len() - by_model.len(),
         model: PoseErrors::rms(&by_model),
         held: PoseErrors::rms(&by_holding),
     }))
@@ -124,7 +127,8 @@ fn filtered(
     Ok(fitter.at.states[fitter.at.states.len() - 1].clone())
 }
 
-fn flown(model: &FlightModel, inputs: &InputSeries, y: &[f64], span: Span) -> Isometry3<f64> {
+/// The pose after a span; none where the model runs away.
+fn flown(model: &FlightModel, inputs: &InputSeries, y: &[f64], span: Span) -> Option<Isometry3<f64>> {
     let equations = Equations::new(model);
     let mut evaluation = equations.dynamics.with(&[]);
     let raster = Raster { inputs, lag_s: model.input_lag_s, times_s: &[], longest_s: LONGEST_STEP_S[0] };
@@ -134,7 +138,7 @@ fn flown(model: &FlightModel, inputs: &InputSeries, y: &[f64], span: Span) -> Is
     for step in (Raster { longest_s, ..raster }).steps(span.from_s, span.to_s, 0..0) {
         flyer.step(&mut evaluation, inputs, &step);
     }
-    pose_of(&flyer.y)
+    flyer.is_finite().then(|| pose_of(&flyer.y))
 }
 
 fn held(y: &[f64], span: Span) -> Isometry3<f64> {

@@ -74,8 +74,11 @@ pub(crate) fn typical_sizes(fitter: &Fitter<'_>) -> Vec<f64> {
         }
     }
     equations.lag.into_iter().for_each(|lag| floors[lag] = 0.01);
-    let size =
-        |(floor, p): (f64, &ModelParameter)| floor.max(before.value(*p).abs()).max(now.value(*p).abs());
+    let size = |(floor, p): (f64, &ModelParameter)| {
+        let largest = floor.max(before.value(*p).abs()).max(now.value(*p).abs());
+        // Of what has no effect about trim and is zero nothing is known: its unit.
+        if largest > 0.0 { largest } else { 1.0 }
+    };
     floors.into_iter().zip(before.free()).map(size).collect()
 }
 

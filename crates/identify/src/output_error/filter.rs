@@ -3,7 +3,7 @@
 use super::assemble::{Solved, assemble};
 use super::condense::SegmentCovariance;
 use super::determined::refuse_undetermined;
-use super::fitter::{Fitter, LONGEST_STEP_S, PROMISE, Recorded, TIGHTNESS};
+use super::fitter::{Fitter, LONGEST_STEP_S, Recorded, TIGHTNESS};
 use super::innovations::innovations;
 use super::measure::Measurements;
 use super::model::FlightModel;
@@ -35,8 +35,12 @@ const CHANGE: f64 = 0.02;
 const LARGEST_CHANGE: f64 = 3.0;
 /// The most that a round is multiplied by.
 const LONGEST_LEAP: f64 = 4.0;
-/// The last step promises less.
-const LAST_PROMISE: f64 = 1e-3;
+/// Between rounds a fit is left where a step promises less than a standard deviation, and at last less than a tenth
+/// of one.
+const ROUND_PROMISE: f64 = 1.0;
+const LAST_PROMISE: f64 = 0.01;
+/// Steps in all, over those of output error: noise and parameters are found in turn.
+const MORE_STEPS: usize = 2;
 
 /// Fits the free parameters of a model together with what it lacks: unmodelled forces and moments count as
 /// white process noise along each axis of the body, whose densities are estimated with the noise of the
@@ -61,7 +65,8 @@ pub fn filter_error(
     options: &OutputErrorOptions,
 ) -> Result<OutputErrorFit, IdentifyError> {
     let inputs = &model.inputs_of(inputs)?;
-    let options = &OutputErrorOptions { segment_s: SEGMENT_S, ..*options };
+    let max_iterations = MORE_STEPS * options.max_iterations;
+    let options = &OutputErrorOptions { segment_s: SEGMENT_S, max_iterations, ..*options };
     let mut fitter = Fitter::begin(model, Recorded { inputs, measurements }, options)?;
     fitter.problem.process_noise = first_noise(model, fitter.at.tangent);
     fitter.close_gaps()?;
@@ -71,7 +76,7 @@ pub fn filter_error(
         if fitter.match_noise(&mut search, tightness, options.noise)? < CHANGE {
             break;
         }
-        fitter.converge(tightness, PROMISE[3]);
+        fitter.converge(tightness, ROUND_PROMISE);
     }
     fitter.stage(false, LONGEST_STEP_S[1])?;
     fitter.converge(tightness, LAST_PROMISE);

@@ -159,7 +159,7 @@ impl FlightFits {
         let images =
             images.map(|i| Images { observations: within(i.observations, stretch_s, |o| o.t_ns), ..i });
         let out: Vec<PoseSample> = poses.iter().filter(|p| options.holds_out(p.t_ns)).cloned().collect();
-        let fitted = poses.iter().filter(|p| !options.holds_out(p.t_ns));
+        let fitted = poses.iter().filter(|p| p.estimate.is_ok() && !options.holds_out(p.t_ns));
         let states = Measurements::States(StateMeasurement::of_poses(fitted));
         let mut refusals = Vec::new();
         let search = options.search.then(|| {

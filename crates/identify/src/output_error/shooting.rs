@@ -9,7 +9,7 @@ use super::propagate::{
 use super::row::Row;
 use crate::IdentifyError;
 use mavsight_flight::{FlightError, InputSeries};
-use mavsight_model::FurtherState;
+use mavsight_model::{FurtherState, RIGID_STATES};
 use nalgebra::{DMatrix, DVector, DVectorView};
 
 #[derive(Debug, Clone)]
@@ -81,13 +81,21 @@ pub(crate) struct ParameterPrior {
     pub(crate) std: f64,
 }
 
+/// Of a further state, the gap's standard deviation over the usual excursion.
+const EXCURSIONS: f64 = 5.0;
+/// A gap is open if its standard deviations are so many times those of [`gap_std`].
+const OPEN: f64 = 100.0;
+/// Where nothing is measured for longer, the flight starts anew: an unstable aircraft's motion behind the gap says
+/// nothing of that before it.
+const LONGEST_GAP_S: f64 = 2.0;
+
 /// Standard deviations of the gap from the end of one segment to the start of the next, to be multiplied by
 /// the tightness: m, rad, m/s, rad/s, and five times the usual excursion of a further state.
 pub(crate) fn gap_std(further: &[FurtherState]) -> DVector<f64> {
     let rigid = [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 3.0, 3.0, 3.0, 10.0, 10.0, 10.0];
     DVector::from_iterator(
         rigid.len() + further.len(),
-        rigid.into_iter().chain(further.iter().map(|s| 5.0 * s.size)),
+        rigid.into_iter().chain(further.iter().map(|s| EXCURSIONS * s.size)),
     )
 }
 
@@ -119,8 +127,17 @@ pub(crate) struct Evaluation {
     pub(crate) parameters: usize,
     gap_std: DVector<f64>,
     process_noise: DVector<f64>,
-    /// Length of each segment, s.
-    pub(crate) lengths_s: Vec<f64>,
+    /// How each segment ends.
+    ends: Vec<SegmentEnd>,
+}
+
+/// How a segment ends.
+#[derive(Debug, Clone, Copy)]
+struct SegmentEnd {
+    /// From its first instant to that of the next.
+    length_s: f64,
+    /// Nothing was measured for so long that the next one starts anew.
+    is_cut: bool,
 }
 
 /// The residuals of rows, which are columns here: their last entries.
@@ -139,17 +156,22 @@ impl Evaluation {
     }
 
     /// Inverse variances of the gap behind a segment: its process noise, and a penalty that is as good as a
-    /// constraint where that is none.
+    /// constraint where that is none. Where the next one starts anew, further states are within their usual
+    /// excursions and all else is open.
     pub(crate) fn gap_information(&self, segment: usize, tightness: f64) -> DVector<f64> {
-        let length_s = self.lengths_s[segment];
+        let SegmentEnd { length_s, is_cut } = self.ends[segment];
+        if is_cut {
+            let open = |k: usize, std: f64| if k < RIGID_STATES - 1 { std * OPEN } else { std / EXCURSIONS };
+            return DVector::from_fn(self.tangent, |k, _| open(k, self.gap_std[k]).powi(-2));
+        }
         self.gap_std
             .zip_map(&self.process_noise, |std, noise| ((std * tightness).powi(2) + noise * length_s).recip())
     }
 
     /// Degrees of freedom of the gap behind a segment that have process noise, with its standard deviation.
     pub(crate) fn noise_std(&self, segment: usize) -> impl Iterator<Item = (usize, f64)> {
-        let length_s = self.lengths_s[segment];
-        let noises = self.process_noise.iter().enumerate().filter(|(_, noise)| **noise > 0.0);
+        let SegmentEnd { length_s, is_cut } = self.ends[segment];
+        let noises = self.process_noise.iter().enumerate().filter(move |(_, noise)| !is_cut && **noise > 0.0);
         noises.map(move |(k, noise)| (k, (noise * length_s).sqrt()))
     }
 
@@ -194,15 +216,18 @@ impl Shooting<'_> {
             parameters,
             gap_std: self.gap_std.clone(),
             process_noise: self.process_noise.clone(),
-            lengths_s: self.lengths_s(),
+            ends: self.ends(),
         };
         let values = self.equations.values(&point.model);
         let mut evaluation = self.equations.dynamics.with(&values);
         let mut starts = Vec::with_capacity(point.starts.len());
         starts.push(point.starts[0].clone());
         for s in 0..point.starts.len() {
-            let (mut segment, end) = self.segment(s, &starts[s], point, &mut evaluation, &mut out)?;
+            let (mut segment, mut end) = self.segment(s, &starts[s], point, &mut evaluation, &mut out)?;
             if let Some(own) = point.starts.get(s + 1) {
+                if out.ends[s].is_cut {
+                    end = self.afresh(s + 1, point);
+                }
                 let start = begin(s + 1, &end, own);
                 let last = segment.next.ncols() - 1;
                 segment.next.column_mut(last).copy_from_slice(&difference(&start, &end));
@@ -213,9 +238,22 @@ impl Shooting<'_> {
         Ok((out, starts))
     }
 
-    fn lengths_s(&self) -> Vec<f64> {
+    /// The state from which a segment that starts anew is expected: its own, with further states as at the
+    /// beginning of a flight.
+    fn afresh(&self, segment: usize, point: &Point) -> Vec<f64> {
+        let input = self.raster(&point.model, f64::INFINITY).input_at(self.times_s[self.bounds[segment]]);
+        let model = &point.model;
+        let further = model.model().initial(model.values(), self.inputs.row(input));
+        [&point.starts[segment][..RIGID_STATES], &further].concat()
+    }
+
+    fn ends(&self) -> Vec<SegmentEnd> {
         let last = self.times_s.len() - 1;
-        self.bounds.windows(2).map(|w| self.times_s[w[1].min(last)] - self.times_s[w[0]]).collect()
+        let end = |w: &[usize]| SegmentEnd {
+            length_s: self.times_s[w[1].min(last)] - self.times_s[w[0]],
+            is_cut: w[1] <= last && self.times_s[w[1]] - self.times_s[w[1] - 1] > LONGEST_GAP_S,
+        };
+        self.bounds.windows(2).map(end).collect()
     }
 
     /// A segment, its gap still closed, and the state at its end.
@@ -227,8 +265,9 @@ impl Shooting<'_> {
         evaluation: &mut mavsight_model::Evaluation<'_>,
         out: &mut Evaluation,
     ) -> Result<(Segment, Vec<f64>), IdentifyError> {
-        let last = s + 2 == self.bounds.len();
-        let (from, to) = (self.bounds[s], self.bounds[s + 1] - usize::from(last));
+        let is_cut = out.ends[s].is_cut;
+        let ends_here = is_cut || s + 2 == self.bounds.len();
+        let (from, to) = (self.bounds[s], self.bounds[s + 1] - usize::from(ends_here));
         let begin = self.raster(&point.model, f64::INFINITY).input_at(self.times_s[from]);
         evaluation.set_inputs(self.inputs.row(begin));
         let fastest = fastest(evaluation, start);
@@ -241,7 +280,7 @@ impl Shooting<'_> {
         let mut rows = Vec::new();
         self.see(&flyer, from, point, &mut rows, out)?;
         // The instant at which the next segment starts belongs to that.
-        let instants = from + 1..to + usize::from(last);
+        let instants = from + 1..to + usize::from(ends_here);
         for step in raster.steps(self.times_s[from], self.times_s[to], instants) {
             flyer.step(evaluation, &self.inputs, &step);
             if let Some(instant) = step.instant {
@@ -252,9 +291,11 @@ impl Shooting<'_> {
             return Err(IdentifyError::RanAway(self.times_s[from]));
         }
         let n = out.prior.nrows();
-        let by = self.sensitivity(&flyer);
         let mut next = DMatrix::zeros(self.equations.tangent(), n);
-        next.columns_mut(0, by.nrows()).copy_from(&by.transpose());
+        if !is_cut {
+            let by = self.sensitivity(&flyer);
+            next.columns_mut(0, by.nrows()).copy_from(&by.transpose());
+        }
         Ok((Segment { rows: DMatrix::from_vec(n, rows.len() / n, rows), next }, flyer.y))
     }
 
