@@ -8,7 +8,7 @@ use std::path::Path;
 
 /// What the simulator had, of the model's free parameters and of the inputs' clock: rows are samples of what changes
 /// all the time, which is 4.5 ms early if taken to hold.
-pub const TRUTH: [(&str, f64); 10] = [
+pub(crate) const TRUTH: [(&str, f64); 10] = [
     ("C_X,alpha_u", -0.01436),
     ("C_X,alpha_l", -0.00996),
     ("C_Z,u", -0.01436),
@@ -22,25 +22,25 @@ pub const TRUTH: [(&str, f64); 10] = [
 ];
 
 /// One flight.
-pub struct Flown {
+pub(crate) struct Flown {
     /// The paper's helicopter, the lag of its inputs free.
-    pub model: FlightModel,
+    pub(crate) model: FlightModel,
     /// Recorded inputs.
-    pub inputs: InputSeries,
+    pub(crate) inputs: InputSeries,
     /// Poses that the inputs cover.
-    pub measurements: Measurements,
+    pub(crate) measurements: Measurements,
 }
 
 impl Flown {
     /// Reads `vehicle.toml`, `inputs-N.csv` and `poses-N.csv` of a folder.
-    pub fn read(folder: &Path, flight: usize) -> Result<Self, Box<dyn Error>> {
+    pub(crate) fn read(folder: &Path, flight: usize) -> Result<Self, Box<dyn Error>> {
         let vehicle: Vehicle = toml::from_str(&text(&folder.join("vehicle.toml"))?)?;
-        let (names, rows) = table(&folder.join(format!("inputs-{flight}.csv")))?;
+        let Table { names, rows } = table(&folder.join(format!("inputs-{flight}.csv")))?;
         let times_s = rows.iter().map(|r| r[0]).collect();
         let values = rows.iter().flat_map(|r| &r[1..]).copied().collect();
         let inputs = InputSeries::new(names[1..].to_vec(), times_s, values)?;
-        let (_, rows) = table(&folder.join(format!("poses-{flight}.csv")))?;
-        let poses = rows.iter().filter(|row| row[0] <= inputs.end_s()).map(|row| pose(row)).collect();
+        let poses = table(&folder.join(format!("poses-{flight}.csv")))?.rows;
+        let poses = poses.iter().filter(|row| row[0] <= inputs.end_s()).map(|row| pose(row)).collect();
         let model = FlightModel::new(&vehicle, &inputs)?.with_free_lag();
         Ok(Self { model, inputs, measurements: Measurements::States(poses) })
     }
@@ -50,13 +50,17 @@ fn text(path: &Path) -> Result<String, String> {
     std::fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))
 }
 
-/// Names of the columns, and rows.
-fn table(path: &Path) -> Result<(Vec<String>, Vec<Vec<f64>>), Box<dyn Error>> {
+struct Table {
+    names: Vec<String>,
+    rows: Vec<Vec<f64>>,
+}
+
+fn table(path: &Path) -> Result<Table, Box<dyn Error>> {
     let text = text(path)?;
     let mut lines = text.lines();
     let names = lines.next().ok_or("an empty table")?.split(',').map(str::to_owned).collect();
     let row = |line: &str| line.split(',').map(str::parse::<f64>).collect::<Result<Vec<f64>, _>>();
-    Ok((names, lines.map(row).collect::<Result<_, _>>()?))
+    Ok(Table { names, rows: lines.map(row).collect::<Result<_, _>>()? })
 }
 
 /// A row has time, then value and standard deviation of each coordinate.
