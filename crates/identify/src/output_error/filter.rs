@@ -81,7 +81,7 @@ pub fn filter_error(
     if !fitter.converged {
         return Err(fitter.not_converged(tightness));
     }
-    let known = Covariance::new(&linear, fitter.free().len(), measurements.channels().len())?;
+    let known = Covariance::new(&linear, fitter.free().len(), &measurements.series())?;
     Ok(assemble(&fitter, &linear, &known, None))
 }
 

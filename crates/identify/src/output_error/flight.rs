@@ -8,7 +8,7 @@ use super::{
     disagreement, output_error,
 };
 use crate::{Estimator, Identification, IdentifyError};
-use mavsight_flight::{InputSeries, Vehicle};
+use mavsight_flight::{InputSeries, SensorSeries, Vehicle};
 use mavsight_pose::{BodyMarker, MarkerObservation, PoseSample, Rig};
 use nalgebra::{DMatrix, DVector};
 
@@ -37,14 +37,16 @@ pub enum InputClock {
 
 /// What a user may choose of [`FlightFits::of_flight`].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct FlightFitOptions {
+pub struct FlightFitOptions<'a> {
     /// The inputs' clock.
     pub clock: InputClock,
     /// From and to: what is seen in this part of the flight is not fitted but predicted.
     pub held_out_s: Option<(f64, f64)>,
+    /// Samples of the model's sensors by the clock of the poses, which both fits then take in.
+    pub sensors: Option<&'a SensorSeries>,
 }
 
-impl FlightFitOptions {
+impl FlightFitOptions<'_> {
     pub(super) fn holds_out(&self, t_ns: i64) -> bool {
         let t_s = t_ns as f64 * 1e-9;
         self.held_out_s.is_some_and(|(from_s, to_s)| t_s >= from_s && t_s <= to_s)
@@ -102,15 +104,18 @@ impl FlightFits {
     /// no fit; each then predicts its poses.
     ///
     /// # Errors
-    /// A vehicle that is not valid; refusals of a fit become sentences.
+    /// A vehicle that is not valid; sensors that are not those of the model; refusals of a fit become sentences.
     pub fn of_flight(
         vehicle: &Vehicle,
         inputs: &InputSeries,
         poses: &[PoseSample],
         images: Option<Images<'_>>,
-        options: &FlightFitOptions,
+        options: &FlightFitOptions<'_>,
     ) -> Result<Self, IdentifyError> {
-        let model = FlightModel::new(vehicle, inputs)?;
+        let sensors = options.sensors.map(|s| s.within(|t_ns| !options.holds_out(t_ns)));
+        let free = if sensors.is_some() { FlightModel::with_outputs } else { FlightModel::new };
+        let model = free(vehicle, inputs)?;
+        sensors.as_ref().map_or(Ok(()), |s| s.of(model.model()).map(drop))?;
         let stretch_s = fitted_stretch_s(poses);
         let begins =
             stretch_s.is_none_or(|(from_s, _)| poses.first().is_some_and(|p| seconds(p.t_ns) >= from_s));
@@ -120,7 +125,10 @@ impl FlightFits {
         let images =
             images.map(|i| Images { observations: within(i.observations, stretch_s, |o| o.t_ns), ..i });
         let fit = |measured: Result<Measurements, IdentifyError>| {
-            let measured = measured?;
+            let measured = match &sensors {
+                Some(sensors) => measured?.with_sensors(model.model(), sensors)?,
+                None => measured?,
+            };
             let fit = |model: &FlightModel| output_error(model, inputs, &measured, &defaults);
             if options.clock == InputClock::Known {
                 return fit(&model);
@@ -225,7 +233,7 @@ pub fn fitted_stretch_s(poses: &[PoseSample]) -> Option<(f64, f64)> {
 }
 
 impl Images<'_> {
-    fn measurements(&self, options: &FlightFitOptions) -> Result<Measurements, IdentifyError> {
+    fn measurements(&self, options: &FlightFitOptions<'_>) -> Result<Measurements, IdentifyError> {
         let fitted: Vec<MarkerObservation> =
             self.observations.iter().filter(|o| !options.holds_out(o.t_ns)).cloned().collect();
         let images = ImageMeasurements::new(self.rig, self.markers, &fitted)?

@@ -3,6 +3,7 @@ mod filter;
 mod image;
 mod refusals;
 mod sensitivities;
+mod sensors;
 mod support;
 mod systematic;
 mod unstable;

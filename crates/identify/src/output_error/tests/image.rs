@@ -10,7 +10,8 @@ use mavsight_random::Random;
 use mavsight_simulator::{FlightState, Scenario, true_values};
 use nalgebra::Point3;
 
-const KNOWN: FlightFitOptions = FlightFitOptions { clock: InputClock::Known, held_out_s: None };
+const KNOWN: FlightFitOptions<'_> =
+    FlightFitOptions { clock: InputClock::Known, held_out_s: None, sensors: None };
 
 pub(crate) fn rig() -> Rig {
     let size = ImageSize { width_px: 640, height_px: 480 };
