@@ -78,6 +78,7 @@ pub fn identify_from_motion(
         progress.begin(Stage::Identify, None);
         results.output_error = output_error(results, flight, inputs.as_ref().unwrap_or(recorded))?;
         results.notes.extend(results.output_error.refusals.iter().cloned());
+        results.notes.extend(unused_outputs(flight));
         results.notes.extend(results.output_error.stretch_s.map(|(from_s, to_s)| {
             format!(
                 "Output error fits the flight from {from_s:.1} s to {to_s:.1} s, where it turns most: of a longer flight a \
@@ -86,6 +87,18 @@ pub fn identify_from_motion(
         }));
     }
     Ok(())
+}
+
+/// That the model describes sensors of which there are no samples.
+fn unused_outputs(flight: &Flight<'_>) -> Option<String> {
+    let model = &flight.vehicle.model;
+    (flight.sensors.is_none() && !model.sensors.is_empty()).then(|| {
+        let names: Vec<&str> = model.sensors.iter().map(|s| s.name.as_str()).collect();
+        format!(
+            "The sensors of the model ({}) are not used: there is no table of their samples; give it with --sensors, or as              `sensors` of the session.",
+            names.join(", ")
+        )
+    })
 }
 
 /// That the vehicle file is of schema 1, and what was made of it.
@@ -148,8 +161,13 @@ fn output_error(
         observations: inputs.covered(&results.markers, |m| m.t_ns),
     });
     let clock = if flight.options.lag_s.is_some() { InputClock::Known } else { InputClock::Free };
-    let (held_out_s, search) = (flight.options.fit.held_out_s, flight.options.search);
-    let options = FlightFitOptions { clock, held_out_s, fits: flight.options.motion_fits, search };
+    let options = FlightFitOptions {
+        clock,
+        held_out_s: flight.options.fit.held_out_s,
+        fits: flight.options.motion_fits,
+        search: flight.options.search,
+        sensors: flight.sensors,
+    };
     let poses = inputs.covered(&results.poses, |p| p.t_ns);
     let fits = FlightFits::of_flight(flight.vehicle, inputs, poses, images, &options);
     Ok(fits.map_err(PipelineError::from)?)

@@ -17,5 +17,5 @@ pub use calibration::calibrate;
 pub use error::EngineError;
 pub use frames::{camera_feeds, first_frames};
 pub use identification::{identify_from_motion, identify_from_poses};
-pub use solution::{Flight, Options, recorded_inputs, run, solve};
+pub use solution::{Flight, Options, recorded_inputs, recorded_sensors, run, solve};
 pub use tracking::{TrackedFlight, track};

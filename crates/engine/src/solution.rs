@@ -3,7 +3,7 @@
 use crate::error::input;
 use crate::identification::identify_into;
 use crate::{EngineError, TrackedFlight, calibrate, track};
-use mavsight_flight::{InputSeries, Vehicle};
+use mavsight_flight::{InputSeries, SensorSeries, Vehicle};
 use mavsight_identify::EquationFile;
 use mavsight_identify::output_error::{MotionFits, fitted_stretch_s};
 use mavsight_pipeline::{IdentifyOptions, Progress, motion_of, systematic_columns};
@@ -36,12 +36,14 @@ pub struct Flight<'a> {
     pub vehicle: &'a Vehicle,
     /// Recorded inputs, where there are any.
     pub inputs: Option<&'a InputSeries>,
+    /// Samples of the model's sensors, where there are any.
+    pub sensors: Option<&'a SensorSeries>,
     /// How parameters are estimated.
     pub options: IdentifyOptions,
 }
 
 impl<'a> Flight<'a> {
-    /// The flight of a session, with the equations that it names. Output error is left out where these are of
+    /// The flight of a session, with the equations that it names and without sensors. Output error is left out where these are of
     /// another aircraft than the vehicle file ([`EquationFile::is_of_another_aircraft`]).
     ///
     /// # Errors
@@ -60,7 +62,14 @@ impl<'a> Flight<'a> {
         identify.lag_s = options.lag_s;
         identify.fit.held_out_s = options.held_out_s;
         identify.search = options.search;
-        Ok(Self { name: &session.file.name, vehicle: &session.vehicle, inputs, options: identify })
+        let (name, vehicle) = (&session.file.name, &session.vehicle);
+        Ok(Self { name, vehicle, inputs, sensors: None, options: identify })
+    }
+
+    /// The same with samples of the model's sensors, as [`recorded_sensors`] reads them.
+    #[must_use]
+    pub fn with_sensors(self, sensors: Option<&'a SensorSeries>) -> Self {
+        Self { sensors, ..self }
     }
 }
 
@@ -70,6 +79,14 @@ impl<'a> Flight<'a> {
 /// A table that is wrong.
 pub fn recorded_inputs(session: &Session) -> Result<Option<InputSeries>, EngineError> {
     input(session.inputs())
+}
+
+/// The samples of a session's sensors, where it has any.
+///
+/// # Errors
+/// A table that is wrong.
+pub fn recorded_sensors(session: &Session) -> Result<Option<SensorSeries>, EngineError> {
+    input(session.sensors())
 }
 
 /// Carries a recorded session through all stages: cameras, observations, poses, motion and parameters, each
@@ -83,10 +100,10 @@ pub fn run(
     options: &Options<'_>,
     progress: &dyn Progress,
 ) -> Result<RunResults, EngineError> {
-    let inputs = recorded_inputs(session)?;
+    let (inputs, sensors) = (recorded_inputs(session)?, recorded_sensors(session)?);
     let rig = calibrate(session, progress)?;
     let tracked = track(session, rig, progress)?;
-    let flight = Flight::of_session(session, inputs.as_ref(), options)?;
+    let flight = Flight::of_session(session, inputs.as_ref(), options)?.with_sensors(sensors.as_ref());
     solve(&flight, tracked, options.results_folder, progress)
 }
 

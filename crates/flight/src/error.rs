@@ -167,6 +167,46 @@ pub enum FlightError {
         /// The time before.
         before_s: f64,
     },
+    /// Two columns of the sensors share a name.
+    #[error("two columns of the sensors are named {0}: give each its own name")]
+    DuplicateSensor(String),
+    /// Samples that do not fill the rows.
+    #[error(
+        "the sensors have {values} values, but {rows} rows of {columns} columns: there must be one for each"
+    )]
+    SensorTable {
+        /// Times.
+        rows: usize,
+        /// Names.
+        columns: usize,
+        /// Values.
+        values: usize,
+    },
+    /// Samples of sensors that no model describes.
+    #[error(
+        "the flight model {0} has no [outputs], which say what sensors show: add them to its file, or give no sensors"
+    )]
+    NoSensors(String),
+    /// A column of a sensor that is not there.
+    #[error("the sensors have no column {name}{}", rename(.name, .nearest))]
+    MissingSensor {
+        /// The column.
+        name: String,
+        /// The columns with the nearest names.
+        nearest: Vec<String>,
+    },
+    /// Times of the sensors must increase.
+    #[error(
+        "sensor row {row}: time {t_s} s does not come after the {before_s} s of the row before: sort the rows and remove repeats"
+    )]
+    SensorTime {
+        /// Row, counted from 1 below the header.
+        row: usize,
+        /// Its time.
+        t_s: f64,
+        /// The time before.
+        before_s: f64,
+    },
     /// Inputs that end before the flight does.
     #[error(
         "the inputs cover {start_s:.3} to {end_s:.3} s, but the flight needs {t_s:.3} s: record the inputs over the whole flight"

@@ -23,6 +23,13 @@ const ROUNDING_S: f64 = 1e-6;
 /// How many columns an error offers in place of one that is not there.
 const OFFERED: usize = 3;
 
+/// The names that are most like one that there is not.
+pub(crate) fn nearest(name: &str, known: &[String]) -> Vec<String> {
+    let mut near: Vec<&String> = known.iter().collect();
+    near.sort_by_cached_key(|known| strsim::osa_distance(known, name));
+    near.into_iter().take(OFFERED).cloned().collect()
+}
+
 impl InputSeries {
     /// Checks and takes the rows; `values` has them one after the other, each with a value for every name.
     ///
@@ -101,10 +108,7 @@ impl InputSeries {
     }
 
     fn missing(&self, name: &str) -> FlightError {
-        let mut near: Vec<&String> = self.names.iter().collect();
-        near.sort_by_cached_key(|known| strsim::osa_distance(known, name));
-        let nearest = near.into_iter().take(OFFERED).cloned().collect();
-        FlightError::MissingInput { name: name.to_owned(), nearest }
+        FlightError::MissingInput { name: name.to_owned(), nearest: nearest(name, &self.names) }
     }
 
     /// Time of the first row.

@@ -1,4 +1,4 @@
-//! The vehicle with its flight model, recorded inputs, and responses of first order.
+//! The vehicle with its flight model, recorded inputs and sensors, and responses of first order.
 //!
 //! Frames and signs are those of `mavsight_geometry` and CONVENTIONS.md.
 
@@ -6,9 +6,11 @@ mod color;
 mod error;
 mod inputs;
 pub mod response;
+mod sensors;
 mod vehicle;
 
 pub use color::Color;
 pub use error::FlightError;
 pub use inputs::InputSeries;
+pub use sensors::SensorSeries;
 pub use vehicle::{Environment, Marker, Vehicle, VehicleFile};

@@ -170,6 +170,16 @@ pub enum IdentifyError {
         /// Which part.
         what: &'static str,
     },
+    /// A sensor whose expression has no value where the fit has gone.
+    #[error(
+        "the sensor {name} has no finite value at {t_s:.3} s of the flown motion: change its expression in [outputs], or start from other values"
+    )]
+    SensorNotFinite {
+        /// The sensor.
+        name: String,
+        /// Time.
+        t_s: f64,
+    },
     /// Too few instants with a pose to start from.
     #[error("{0} instants have a pose, but at least 4 are needed to start: measure more of the flight")]
     NoStart(usize),

@@ -1,7 +1,7 @@
 //! Output error: the parameters, and the start, with which the equations of motion pass nearest to what was
 //! measured.
 //!
-//! The measurements are poses, or the images of markers themselves; nothing is differentiated or smoothed.
+//! The measurements are poses, or the images of markers themselves, and sensors beside them; nothing is differentiated or smoothed.
 //! The flight is cut into segments that are flown each from its own start and held together by a penalty that
 //! is tightened until it is a constraint (multiple shooting, Bock 1983), so that an unstable aircraft does
 //! not carry a fit away. Sensitivities are the exact derivative of the integration. Weights follow from the
@@ -33,6 +33,7 @@ mod prediction;
 mod propagate;
 mod result;
 mod row;
+mod sensor;
 mod shooting;
 mod squares;
 mod start;
@@ -53,6 +54,7 @@ pub use model::{FlightModel, ModelParameter};
 pub use options::{InitialStates, NoiseModel, OutputErrorOptions};
 pub use prediction::predict_poses;
 pub use result::{DerivedQuantity, Extent, FittedParameter, OutputErrorFit, Prediction, SystematicErrors};
+pub use sensor::SensedMeasurements;
 pub use structure::{AddedTerm, NotAdded, ScoreTest, StructureSearch, TriedTerm, search_structure};
 
 #[cfg(test)]

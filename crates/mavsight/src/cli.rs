@@ -33,7 +33,7 @@ pub(crate) enum Command {
     Run(Run),
     /// Fly with running cameras, a replayed session or the virtual room: poses as they happen
     Live(Live),
-    /// Fly a virtual aircraft: writes inputs.csv, truth.csv and vehicle.toml
+    /// Fly a virtual aircraft: writes inputs.csv, truth.csv, vehicle.toml and, where the model has [outputs], sensors.csv
     Simulate(Simulate),
     /// Film a flight that `simulate` wrote: writes a session that `run` takes
     Film(Film),
@@ -185,6 +185,9 @@ pub(crate) struct Identify {
     /// Vehicle file
     #[arg(long, value_name = "FILE")]
     pub(crate) vehicle: PathBuf,
+    /// Samples of the sensors that the flight model's [outputs] describe, for output error
+    #[arg(long, value_name = "FILE")]
+    pub(crate) sensors: Option<PathBuf>,
     /// Equations in place of those of the vehicle's model, or another flight model
     #[arg(long, value_name = "FILE")]
     pub(crate) model: Option<PathBuf>,

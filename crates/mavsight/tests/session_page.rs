@@ -9,7 +9,7 @@ use mavsight_flight::Vehicle;
 use mavsight_identify::{EquationFile, OutputEquations};
 use mavsight_plan::Room;
 use mavsight_score::CampaignFile;
-use mavsight_session::tables::{read_control_pixels, read_control_points, read_inputs};
+use mavsight_session::tables::{read_control_pixels, read_control_points, read_inputs, read_sensors};
 use mavsight_session::{SessionFile, read_rig, write_control_points, write_inputs};
 use mavsight_simulator::{Scenario, Staging};
 use serde::de::DeserializeOwned;
@@ -179,7 +179,7 @@ fn the_page_has_every_key_and_word_of_the_parsers() {
     compare("rig.toml", &pages["rig.toml"], &|text| {
         read_rig(&put(folder.path(), "rig.toml", text)).map(drop).map_err(|e| e.to_string())
     });
-    assert_eq!(pages.len(), 12, "a file without a comparison: {:?}", pages.keys());
+    assert_eq!(pages.len(), 13, "a file without a comparison: {:?}", pages.keys());
 }
 
 /// Sections and keys of the table of flight models, one row for several, and its example.
@@ -293,4 +293,15 @@ fn the_page_has_every_column_of_the_tables() {
     write_inputs(&folder.path().join("own.csv"), &inputs).expect("written");
     assert_eq!(written("own.csv"), columns(&page.example));
     assert!(page.keys[""].is_subset(&written("own.csv")));
+
+    let (page, path) = file("sensors.csv");
+    let model = "schema = 2\nname = \"sensed\"\n[inputs]\nomega = { unit = \"rad/s\" }\n[forces]\nz = 0\n[outputs]\n\
+        z = { column = \"acc_z_m_s2\", value = \"a_z\", std = 1 }\nesc = { column = \"esc_1_rad_s\", value = \"omega\", std = 1 }\n";
+    let EquationFile::Model(model) = EquationFile::parse("sensed.toml", model).expect("a model") else {
+        panic!("a flight model")
+    };
+    let sensors = read_sensors(&path, &model).expect("sensors");
+    assert_eq!((sensors.times_ns()[1], sensors.row(2)), (5_000_000, &[-9.81, 495.6][..]));
+    assert!(sensors.row(1)[1].is_nan(), "a cell that is empty");
+    assert_eq!(columns(&page.example), page.keys[""]);
 }

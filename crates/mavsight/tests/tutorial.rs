@@ -112,3 +112,79 @@ fn the_finished_quadrotor_is_found() {
         assert!((value - truth).abs() < 4.0 * std && std < 0.02 * truth.abs(), "{row} against {truth}");
     }
 }
+
+const SENSORS: &str = r#"
+[parameters.bias_q]
+unit = "rad/s"
+value = 0
+free = true
+[outputs]
+gyro_y = { column = "gyro_y_rad_s", unit = "rad/s", std = 0.003, value = "q + bias_q" }
+acc_z = { column = "acc_z_m_s2", unit = "m/s^2", std = 0.05, value = "a_z" }
+"#;
+
+/// The finished quadrotor with a gyroscope and an accelerometer on board: their samples narrow the intervals,
+/// and show the gyroscope's bias.
+#[test]
+fn sensors_beside_the_poses_are_taken_in() {
+    let folder = TempDir::new().expect("a folder");
+    for name in ["my-quadrotor.toml", "vehicle.toml", "scenario.toml"] {
+        let text = read(&docs().join("quadrotor").join(name));
+        let text = if name == "my-quadrotor.toml" { text + SENSORS } else { text };
+        std::fs::write(folder.path().join(name), text).expect("written");
+    }
+    simulate(folder.path(), 0);
+    let truth = read(&folder.path().join("flight/truth.csv"));
+    std::fs::write(folder.path().join("mocap.csv"), captured(&truth, 3)).expect("written");
+    let mut random = Random::new(8, 0);
+    let header: Vec<&str> = truth.lines().next().expect("a header").split(',').collect();
+    let place = |name: &str| header.iter().position(|h| *h == name).expect("a column");
+    let [u, v, p, q, dw] = ["u_m_s", "v_m_s", "p_rad_s", "q_rad_s", "dw_m_s2"].map(place);
+    let exact = read(&folder.path().join("flight/sensors.csv"));
+    let mut exact = exact.lines();
+    assert_eq!(exact.next(), Some("t_s,gyro_y_rad_s,acc_z_m_s2"));
+    let mut imu = String::from("t_s,gyro_y_rad_s,acc_z_m_s2,remark\n");
+    for line in truth.lines().skip(1) {
+        let x: Vec<f64> = line.split(',').map(|cell| cell.parse().expect("a number")).collect();
+        let gravity_m_s2 = 9.81 * x[8].cos() * x[7].cos();
+        let acc = x[dw] + x[p] * x[v] - x[q] * x[u] - gravity_m_s2;
+        let shown: Vec<f64> =
+            exact.next().expect("a row").split(',').map(|cell| cell.parse().expect("a number")).collect();
+        assert!((shown[1] - x[q]).abs() < 1e-9 && (shown[2] - acc).abs() < 1e-9, "{shown:?} for {acc}");
+        let (gyro, acc) = (x[q] + 0.02 + 0.003 * random.normal(), acc + 0.05 * random.normal());
+        imu += &format!("{},{gyro},{acc},ok\n", x[0]);
+    }
+    std::fs::write(folder.path().join("imu.csv"), &imu).expect("written");
+    let wrong = imu.replace("acc_z_m_s2", "acc_z_g");
+    std::fs::write(folder.path().join("wrong.csv"), wrong).expect("written");
+    let identify = |sensors: &[&str], code: i32| {
+        let mut command = mavsight();
+        command.current_dir(folder.path()).args(["identify", "mocap.csv", "--inputs", "flight/inputs.csv"]);
+        command.args(["--vehicle", "vehicle.toml", "--lag", "0", "--estimator", "oe", "--out", "results"]);
+        said(command.args(sensors), code)
+    };
+    let row = |name: &str| -> Option<[f64; 2]> {
+        let parameters = read(&folder.path().join("results/parameters.csv"));
+        let row = parameters.lines().find(|row| row.starts_with(&format!("oe,,{name},")))?;
+        let cells: Vec<&str> = row.split(',').collect();
+        Some([3, 4].map(|k| cells[k].parse::<f64>().expect("a number")))
+    };
+    assert!(identify(&[], 0).contains("The sensors of the model (gyro_y, acc_z) are not used"));
+    assert_eq!(row("bias_q"), None);
+    let [_, alone] = row("tau_m").expect("a row");
+    let text = identify(&["--sensors", "imu.csv"], 0);
+    assert!(!text.contains("are not used"), "{text}");
+    for (name, truth) in
+        [("bias_q", 0.02), ("k_T", 5.3e-6), ("I_yy", 2.9e-3), ("tau_m", 0.05), ("d_q", -4e-3)]
+    {
+        let [value, std] = row(name).expect("a row");
+        assert!((value - truth).abs() < 4.0 * std && std < 0.02 * truth.abs(), "{name}: {value} ± {std}");
+    }
+    let [_, with] = row("tau_m").expect("a row");
+    assert!(with < 0.8 * alone, "{with} and {alone}");
+    let text = identify(&["--sensors", "wrong.csv"], 2);
+    assert!(
+        text.contains("wrong.csv") && text.contains("no column acc_z_m_s2") && text.contains("acc_z_g"),
+        "{text}"
+    );
+}

@@ -1,10 +1,10 @@
 //! The equations of motion of one aircraft, ready to be integrated, with exact derivatives.
 
-use crate::graph::{Graph, Variable};
+use crate::graph::{Graph, Node, Variable};
 use crate::model::Model;
 use crate::program::{Program, Registers};
 
-/// The equations of motion of a model with the values of one aircraft.
+/// The equations of motion of a model with the values of one aircraft, and its sensors where asked for.
 ///
 /// Fixed parameters are numbers in them; free ones may change from evaluation to evaluation.
 #[derive(Debug, Clone, PartialEq)]
@@ -12,18 +12,44 @@ pub struct Dynamics {
     free: Vec<usize>,
     states: usize,
     rates: Program,
-    linear: Program,
-    /// Where the derivatives behind the rates in `linear` belong: row, column.
-    by_state: Vec<(usize, usize)>,
-    by_parameter: Vec<(usize, usize)>,
-    by_input: Vec<(usize, usize)>,
+    linear: Linear,
+    sensors: Option<Linear>,
     is_linear: Vec<bool>,
 }
 
-/// A derivative of the rate of a state.
+/// Expressions together with their derivatives.
+#[derive(Debug, Clone, PartialEq)]
+struct Linear {
+    program: Program,
+    /// Number of expressions; their derivatives are behind them.
+    count: usize,
+    /// Where the derivatives belong: row, column.
+    by_state: Vec<(usize, usize)>,
+    by_input: Vec<(usize, usize)>,
+    by_parameter: Vec<(usize, usize)>,
+    /// For each free parameter.
+    is_linear: Vec<bool>,
+}
+
+/// What is worked out beside the rates and their derivatives by states and parameters.
+#[derive(Debug, Clone, Copy, Default)]
+struct Extent {
+    input_slopes: bool,
+    sensors: bool,
+}
+
+/// Numbers of variables by which derivatives are taken.
+#[derive(Debug, Clone, Copy)]
+struct Variables {
+    states: usize,
+    inputs: usize,
+    parameters: usize,
+}
+
+/// A derivative of the rate of a state, or of a sensor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Slope {
-    /// The state whose rate it is of.
+    /// The state whose rate it is of, or the sensor.
     pub row: usize,
     /// The state, the free parameter or the input by which.
     pub column: usize,
@@ -37,40 +63,17 @@ pub struct Evaluation<'a> {
     dynamics: &'a Dynamics,
     rates: Registers,
     linear: Registers,
+    sensors: Option<Registers>,
 }
 
-impl Dynamics {
-    /// The equations of motion with `values` for all parameters, of which those in `free` may change.
-    pub fn new(model: &Model, values: &[f64], free: &[usize]) -> Self {
-        Self::with_slopes(model, values, free, 0)
-    }
-
-    /// The same with derivatives by the inputs too.
-    pub fn with_input_slopes(model: &Model, values: &[f64], free: &[usize]) -> Self {
-        Self::with_slopes(model, values, free, model.inputs.len())
-    }
-
-    fn with_slopes(model: &Model, values: &[f64], free: &[usize], inputs: usize) -> Self {
-        let states = model.state_count();
-        let replace = |variable: Variable, graph: &mut Graph| match variable {
-            Variable::Parameter(k) => match free.iter().position(|f| *f == k) {
-                Some(place) => graph.variable(Variable::Parameter(place)),
-                None => graph.constant(values[k]),
-            },
-            other => graph.variable(other),
-        };
-        let (mut graph, rates) = model.graph.substituted(&model.nodes.rates, replace);
-        let mut outputs = rates.clone();
-        let mut is_linear = Vec::new();
-        let mut slopes = |variables: &mut dyn Iterator<Item = Variable>,
-                          mut is_linear: Option<&mut Vec<bool>>| {
-            let zero = graph.constant(0.0);
+impl Linear {
+    fn new(graph: &mut Graph, expressions: &[Node], by: Variables) -> Self {
+        let mut outputs = expressions.to_vec();
+        let zero = graph.constant(0.0);
+        let mut slopes = |variable: fn(usize) -> Variable, count: usize| {
             let mut places = Vec::new();
-            for (column, variable) in variables.enumerate() {
-                let slopes = graph.derivatives(&rates, variable);
-                if let Some(is_linear) = &mut is_linear {
-                    is_linear.push(!graph.variables(&slopes).contains(&variable));
-                }
+            for column in 0..count {
+                let slopes = graph.derivatives(expressions, variable(column));
                 for (row, slope) in slopes.into_iter().enumerate().filter(|(_, slope)| *slope != zero) {
                     places.push((row, column));
                     outputs.push(slope);
@@ -78,19 +81,95 @@ impl Dynamics {
             }
             places
         };
-        let by_state = slopes(&mut (0..states).map(Variable::State), None);
-        let by_input = slopes(&mut (0..inputs).map(Variable::Input), None);
-        let by_parameter = slopes(&mut (0..free.len()).map(Variable::Parameter), Some(&mut is_linear));
-        Self {
-            free: free.to_vec(),
-            states,
-            rates: Program::new(&graph, &rates),
-            linear: Program::new(&graph, &outputs),
-            by_state,
-            by_parameter,
-            by_input,
-            is_linear,
+        let by_state = slopes(Variable::State, by.states);
+        let by_input = slopes(Variable::Input, by.inputs);
+        let by_parameter = slopes(Variable::Parameter, by.parameters);
+        let of_parameters = by_parameter.iter().zip(&outputs[outputs.len() - by_parameter.len()..]);
+        let is_linear = |k: usize| {
+            let own: Vec<Node> = of_parameters
+                .clone()
+                .filter(|((_, column), _)| *column == k)
+                .map(|(_, slope)| *slope)
+                .collect();
+            !graph.variables(&own).contains(&Variable::Parameter(k))
+        };
+        let is_linear = (0..by.parameters).map(is_linear).collect();
+        let program = Program::new(graph, &outputs);
+        Self { program, count: expressions.len(), by_state, by_input, by_parameter, is_linear }
+    }
+
+    fn values(&self, state: &[f64], registers: &mut Registers, out: &mut [f64]) {
+        self.program.set_state(state, registers);
+        for (k, out) in out.iter_mut().enumerate().take(self.count) {
+            *out = self.program.output(k, registers);
         }
+    }
+
+    fn slopes<'a>(
+        &'a self,
+        registers: &'a Registers,
+        before: usize,
+        places: &'a [(usize, usize)],
+    ) -> impl Iterator<Item = Slope> + 'a {
+        let value = move |k: usize| self.program.output(self.count + before + k, registers);
+        places.iter().enumerate().map(move |(k, (row, column))| Slope {
+            row: *row,
+            column: *column,
+            value: value(k),
+        })
+    }
+
+    fn by_state<'a>(&'a self, registers: &'a Registers) -> impl Iterator<Item = Slope> + 'a {
+        self.slopes(registers, 0, &self.by_state)
+    }
+
+    fn by_input<'a>(&'a self, registers: &'a Registers) -> impl Iterator<Item = Slope> + 'a {
+        self.slopes(registers, self.by_state.len(), &self.by_input)
+    }
+
+    fn by_parameter<'a>(&'a self, registers: &'a Registers) -> impl Iterator<Item = Slope> + 'a {
+        self.slopes(registers, self.by_state.len() + self.by_input.len(), &self.by_parameter)
+    }
+}
+
+impl Dynamics {
+    /// The equations of motion with `values` for all parameters, of which those in `free` may change.
+    pub fn new(model: &Model, values: &[f64], free: &[usize]) -> Self {
+        Self::build(model, values, free, Extent::default())
+    }
+
+    /// The same with the sensors, and with derivatives of the rates by the inputs too.
+    pub fn with_all_slopes(model: &Model, values: &[f64], free: &[usize]) -> Self {
+        Self::build(model, values, free, Extent { input_slopes: true, sensors: true })
+    }
+
+    /// The same as [`Dynamics::new`] with the model's sensors, which then [`Evaluation::sense`] works out.
+    pub fn with_sensors(model: &Model, values: &[f64], free: &[usize]) -> Self {
+        Self::build(model, values, free, Extent { sensors: true, ..Extent::default() })
+    }
+
+    fn build(model: &Model, values: &[f64], free: &[usize], extent: Extent) -> Self {
+        let replace = |variable: Variable, graph: &mut Graph| match variable {
+            Variable::Parameter(k) => match free.iter().position(|f| *f == k) {
+                Some(place) => graph.variable(Variable::Parameter(place)),
+                None => graph.constant(values[k]),
+            },
+            other => graph.variable(other),
+        };
+        let own = if extent.sensors { &model.nodes.sensors[..] } else { &[] };
+        let (mut graph, all) = model.graph.substituted(&[&model.nodes.rates[..], own].concat(), replace);
+        let (rates, own) = all.split_at(model.nodes.rates.len());
+        let inputs = if extent.input_slopes { model.inputs.len() } else { 0 };
+        let by = Variables { states: model.state_count(), inputs, parameters: free.len() };
+        let linear = Linear::new(&mut graph, rates, by);
+        let by = Variables { inputs: model.inputs.len(), ..by };
+        let sensors = extent.sensors.then(|| Linear::new(&mut graph, own, by));
+        let mut is_linear = linear.is_linear.clone();
+        if let Some(of_sensors) = &sensors {
+            is_linear.iter_mut().zip(&of_sensors.is_linear).for_each(|(all, own)| *all &= own);
+        }
+        let rates = Program::new(&graph, rates);
+        Self { free: free.to_vec(), states: by.states, rates, linear, sensors, is_linear }
     }
 
     /// The parameters that may change, by their places in the model.
@@ -103,7 +182,7 @@ impl Dynamics {
         self.states
     }
 
-    /// Whether the rates are linear in a free parameter.
+    /// Whether the rates, and the sensors where there are some, are linear in a free parameter.
     pub fn is_linear_in(&self, free: usize) -> bool {
         self.is_linear[free]
     }
@@ -113,7 +192,8 @@ impl Dynamics {
         Evaluation {
             dynamics: self,
             rates: self.rates.with_parameters(free),
-            linear: self.linear.with_parameters(free),
+            linear: self.linear.program.with_parameters(free),
+            sensors: self.sensors.as_ref().map(|s| s.program.with_parameters(free)),
         }
     }
 }
@@ -122,7 +202,10 @@ impl Evaluation<'_> {
     /// Sets the inputs.
     pub fn set_inputs(&mut self, inputs: &[f64]) {
         self.dynamics.rates.set_inputs(inputs, &mut self.rates);
-        self.dynamics.linear.set_inputs(inputs, &mut self.linear);
+        self.dynamics.linear.program.set_inputs(inputs, &mut self.linear);
+        if let Some((sensors, registers)) = self.dynamics.sensors.as_ref().zip(self.sensors.as_mut()) {
+            sensors.program.set_inputs(inputs, registers);
+        }
     }
 
     /// The time derivative of a state.
@@ -136,35 +219,49 @@ impl Evaluation<'_> {
     /// The time derivative of a state together with its derivatives, which [`Evaluation::by_state`] and
     /// [`Evaluation::by_parameter`] then list.
     pub fn linearise(&mut self, state: &[f64], out: &mut [f64]) {
-        self.dynamics.linear.set_state(state, &mut self.linear);
-        for (k, out) in out.iter_mut().enumerate() {
-            *out = self.dynamics.linear.output(k, &self.linear);
-        }
-    }
-
-    fn slopes<'a>(&'a self, from: usize, places: &'a [(usize, usize)]) -> impl Iterator<Item = Slope> + 'a {
-        let value =
-            move |k: usize| self.dynamics.linear.output(self.dynamics.states + from + k, &self.linear);
-        places.iter().enumerate().map(move |(k, (row, column))| Slope {
-            row: *row,
-            column: *column,
-            value: value(k),
-        })
+        self.dynamics.linear.values(state, &mut self.linear, out);
     }
 
     /// Derivatives of the rates by the states, those that are zero for every state left out.
     pub fn by_state(&self) -> impl Iterator<Item = Slope> {
-        self.slopes(0, &self.dynamics.by_state)
+        self.dynamics.linear.by_state(&self.linear)
     }
 
     /// Derivatives of the rates by the free parameters.
     pub fn by_parameter(&self) -> impl Iterator<Item = Slope> {
-        let before = self.dynamics.by_state.len() + self.dynamics.by_input.len();
-        self.slopes(before, &self.dynamics.by_parameter)
+        self.dynamics.linear.by_parameter(&self.linear)
     }
 
-    /// Derivatives of the rates by the inputs, where [`Dynamics::with_input_slopes`] has made them.
+    /// Derivatives of the rates by the inputs, where [`Dynamics::with_all_slopes`] has made them.
     pub fn by_input(&self) -> impl Iterator<Item = Slope> {
-        self.slopes(self.dynamics.by_state.len(), &self.dynamics.by_input)
+        self.dynamics.linear.by_input(&self.linear)
+    }
+
+    /// What each sensor of the model shows at a state, in the order of the model, together with its
+    /// derivatives, which [`Evaluation::sensors_by_state`], [`Evaluation::sensors_by_parameter`] and
+    /// [`Evaluation::sensors_by_input`] then list; nothing without [`Dynamics::with_sensors`].
+    pub fn sense(&mut self, state: &[f64], out: &mut [f64]) {
+        if let Some((sensors, registers)) = self.dynamics.sensors.as_ref().zip(self.sensors.as_mut()) {
+            sensors.values(state, registers, out);
+        }
+    }
+
+    fn sensors(&self) -> Option<(&Linear, &Registers)> {
+        self.dynamics.sensors.as_ref().zip(self.sensors.as_ref())
+    }
+
+    /// Derivatives of the sensors by the states.
+    pub fn sensors_by_state(&self) -> impl Iterator<Item = Slope> {
+        self.sensors().into_iter().flat_map(|(sensors, registers)| sensors.by_state(registers))
+    }
+
+    /// Derivatives of the sensors by the free parameters.
+    pub fn sensors_by_parameter(&self) -> impl Iterator<Item = Slope> {
+        self.sensors().into_iter().flat_map(|(sensors, registers)| sensors.by_parameter(registers))
+    }
+
+    /// Derivatives of the sensors by the inputs.
+    pub fn sensors_by_input(&self) -> impl Iterator<Item = Slope> {
+        self.sensors().into_iter().flat_map(|(sensors, registers)| sensors.by_input(registers))
     }
 }

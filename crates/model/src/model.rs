@@ -242,6 +242,13 @@ impl Model {
         crate::fault::near(name, self.parameters.iter().flat_map(|p| [p.name.as_str(), p.label.as_str()]))
     }
 
+    /// Whether nothing but sensors depends on a parameter, by its place, so that the motion does not show it.
+    pub fn is_of_outputs_alone(&self, parameter: usize) -> bool {
+        let depend = |nodes: &[Node]| self.graph.variables(nodes).contains(&Variable::Parameter(parameter));
+        let nodes = &self.nodes;
+        depend(&nodes.sensors) && !depend(&[&nodes.rates[..], &nodes.initial].concat())
+    }
+
     /// The values of all parameters for a body, where `given` returns what is known of this aircraft and the
     /// file the rest; a value that the file computes from others follows those.
     pub fn values(&self, body: &Body, given: impl Fn(&Parameter) -> Option<f64>) -> Vec<f64> {

@@ -76,7 +76,8 @@ fn dense(rows: usize, columns: usize, slopes: impl Iterator<Item = Slope>) -> Ve
     out
 }
 
-/// The crate's derivatives: by each state, input and parameter.
+/// The crate's values and derivatives by each state, input and parameter: of the rates, behind them those of
+/// the sensors.
 fn exact(evaluation: &mut Evaluation<'_>, model: &Model, draw: &Draw) -> (Vec<f64>, Vec<Vec<f64>>) {
     let n = model.state_count();
     evaluation.set_inputs(&draw.inputs);
@@ -88,6 +89,14 @@ fn exact(evaluation: &mut Evaluation<'_>, model: &Model, draw: &Draw) -> (Vec<f6
     let mut slopes = dense(n, n, evaluation.by_state());
     slopes.extend(dense(n, model.inputs.len(), evaluation.by_input()));
     slopes.extend(dense(n, model.parameters.len(), evaluation.by_parameter()));
+    let sensors = model.sensors.len();
+    let mut sensed = vec![0.0; sensors];
+    evaluation.sense(&draw.state, &mut sensed);
+    let mut of_sensors = dense(sensors, n, evaluation.sensors_by_state());
+    of_sensors.extend(dense(sensors, model.inputs.len(), evaluation.sensors_by_input()));
+    of_sensors.extend(dense(sensors, model.parameters.len(), evaluation.sensors_by_parameter()));
+    slopes.iter_mut().zip(of_sensors).for_each(|(slopes, own)| slopes.extend(own));
+    rates.extend(sensed);
     (rates, slopes)
 }
 
@@ -110,13 +119,15 @@ fn compare(
 ) -> Count {
     let model = Model::parse("model.toml", text).unwrap();
     let (variables, states_of) = names(&model);
-    let outputs: Vec<String> = states_of.iter().map(|name| format!("$d {name}")).collect();
+    let of_states = states_of.iter().map(|name| format!("$d {name}"));
+    let of_sensors = model.sensors.iter().map(|s| format!("$output {}", s.name));
+    let outputs: Vec<String> = of_states.chain(of_sensors).collect();
     let tape = Tape::new(&File::new(reference), &variables, &outputs);
     let is_own = |k: &usize| all || !RIGID.iter().chain(&BODY).any(|name| *name == variables[*k]);
     let by: Vec<usize> = (0..variables.len()).filter(is_own).collect();
     let values = model.values(&BODY_VALUES, |_| None);
     let free: Vec<usize> = (0..model.parameters.len()).collect();
-    let dynamics = Dynamics::with_input_slopes(&model, &values, &free);
+    let dynamics = Dynamics::with_all_slopes(&model, &values, &free);
     let mut random = Random(33);
     let mut constants = Constants::new();
     let mut count = Count::default();
@@ -307,6 +318,46 @@ fn derivatives_of_each_function_are_exact() {
         });
         assert!(count.worst <= NEAR, "{expression}: {:e}", count.worst);
     }
+}
+
+/// Sensors that see all that there is: specific force at a place, angular acceleration, attitude, a further
+/// state, a bias.
+const SENSORS: &str = r#"
+schema = 2
+name = "sensed"
+inputs = { push = { unit = "N" }, spin = { unit = "rad/s" } }
+forces = { x = "push - drag*u", y = "-drag*v", z = "-k*omega^2" }
+moments = { x = "arm*push", y = "arm*k*omega^2 - damp*q", z = "damp*omega" }
+[parameters]
+drag = { unit = "N s/m", value = 0.3 }
+k = { unit = "N s^2", value = 1e-3 }
+arm = { unit = "m", value = 0.1 }
+tau = { unit = "s", value = 0.1 }
+out = { unit = "m", value = 0.05 }
+damp = { unit = "N m s", value = 0.01 }
+far = { unit = "m", value = 2 }
+bias = { unit = "rad/s", value = 0.01 }
+[states]
+omega = { unit = "rad/s", derivative = "(spin - omega)/tau", size = 2 }
+[outputs]
+acc_x = { value = "a_x - out*(q^2 + r^2)", std = 1 }
+acc_y = { value = "a_y + out*(r_dot + p*q)", std = 1 }
+acc_z = { value = "a_z + out*(p*r - q_dot)", std = 1 }
+gyro_x = { value = "p + bias", std = 1 }
+tilt = { value = "sin(phi)*cos(theta) + psi*exp(-(x/far)^2)", std = 1 }
+speed = { value = "omega*(1 + spin*tau)", std = 1 }
+"#;
+
+#[test]
+fn derivatives_of_sensors_are_exact() {
+    let values = Model::parse("sensed.toml", SENSORS).unwrap().values(&BODY_VALUES, |_| None);
+    let count =
+        compare([SENSORS, SENSORS], STATES, true, |random, model| draw_of_file(random, model, &values));
+    assert!(count.worst <= NEAR, "{:e}", count.worst);
+    assert!(count.by_terms * 200 < count.all, "{} of {}", count.by_terms, count.all);
+    let wrong = SENSORS.replace("p*r - q_dot", "p*r - 1.0000000001*q_dot");
+    let count = compare([SENSORS, &wrong], 3, true, |random, model| draw_of_file(random, model, &values));
+    assert!(count.worst > NEAR, "a wrong factor is seen");
 }
 
 /// The comparison can fail: a factor that is wrong by 1e-10 shows.

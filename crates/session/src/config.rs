@@ -6,7 +6,7 @@ use crate::files::{read_toml, write_toml, write_whole};
 use crate::session_file::{SessionCamera, SessionFile, is_empty, validate};
 use crate::video::{FrameSource, find_clap, is_pattern};
 use crate::{SessionError, read_image, read_rig, tables};
-use mavsight_flight::{InputSeries, Vehicle, VehicleFile};
+use mavsight_flight::{InputSeries, SensorSeries, Vehicle, VehicleFile};
 use mavsight_geometry::{CAMERA_PARAMETERS, ImageSize};
 use mavsight_identify::EquationFile;
 use mavsight_link::LiveSection;
@@ -117,6 +117,11 @@ impl Session {
     pub fn inputs(&self) -> Result<Option<InputSeries>, SessionError> {
         let path = Some(&self.file.inputs).filter(|path| !is_empty(path));
         path.map(|path| tables::read_inputs(path, &self.vehicle)).transpose()
+    }
+
+    /// Reads the samples of the model's sensors; none where the session has no table of them.
+    pub fn sensors(&self) -> Result<Option<SensorSeries>, SessionError> {
+        self.file.sensors.as_deref().map(|path| tables::read_sensors(path, &self.vehicle.model)).transpose()
     }
 
     /// Reads the control points; none where the session has no table of them.

@@ -25,6 +25,8 @@ pub struct SessionFile {
     /// Table of inputs; left out or empty: there is none, and no parameters are estimated.
     #[serde(default, skip_serializing_if = "is_empty")]
     pub inputs: PathBuf,
+    /// Table of samples of the sensors that the flight model describes.
+    pub sensors: Option<PathBuf>,
     /// Table of truth, for scoring only.
     pub truth: Option<PathBuf>,
     /// Equations to fit in place of those of the vehicle's model, or another flight model.
@@ -63,6 +65,7 @@ impl SessionFile {
         };
         let own = [
             ("inputs", Some(&mut self.inputs)),
+            ("sensors", self.sensors.as_mut()),
             ("truth", self.truth.as_mut()),
             ("model", self.model.as_mut()),
             ("control.points", points),

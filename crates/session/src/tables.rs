@@ -1,8 +1,9 @@
-//! The tables of a session, both ways: inputs, control points and pixels.
+//! The tables of a session, both ways: inputs, sensors, control points and pixels.
 
 use crate::SessionError;
-use crate::table::{Table, write_csv};
-use mavsight_flight::{Color, InputSeries, Vehicle};
+use crate::table::{Row, Table, write_csv};
+use mavsight_flight::{Color, InputSeries, SensorSeries, Vehicle};
+use mavsight_model::Model;
 use mavsight_pipeline::{ControlPixel, ControlPointRow};
 use std::path::Path;
 
@@ -49,6 +50,39 @@ pub fn read_inputs(path: &Path, vehicle: &Vehicle) -> Result<InputSeries, Sessio
     InputSeries::new(names, times_s, values).map_err(|source| SessionError::content(path, source))
 }
 
+/// Reads `t_s` and the columns of a model's sensors, in its order. A cell that is empty or `nan` has no
+/// sample.
+///
+/// # Errors
+/// Names the file, row and column; a model without sensors; a column of a sensor that is not there, with the
+/// nearest; times must increase.
+pub fn read_sensors(path: &Path, model: &Model) -> Result<SensorSeries, SessionError> {
+    let table = Table::read(path, "sensors")?;
+    let time = table.column(TIME_COLUMN)?;
+    let times_ns = table.rows()?.map(|row| row.time_ns(time)).collect::<Result<Vec<i64>, _>>()?;
+    let is_empty = |text: &str| text.is_empty() || text.eq_ignore_ascii_case("nan");
+    let column = |place: usize| -> Result<Vec<f64>, SessionError> {
+        let cell = |row: Row<'_>| if is_empty(row.text(place)) { Ok(f64::NAN) } else { row.number(place) };
+        table.rows()?.map(cell).collect()
+    };
+    let (mut names, mut columns) = (Vec::new(), Vec::<Vec<f64>>::new());
+    for (place, name) in table.names().enumerate().filter(|(_, n)| !n.is_empty() && *n != TIME_COLUMN) {
+        match column(place) {
+            Ok(values) => {
+                names.push(name.to_owned());
+                columns.push(values);
+            }
+            Err(broken) if model.sensors.iter().any(|s| s.column == name) => return Err(broken),
+            // Words.
+            Err(_) => {}
+        }
+    }
+    let row = |k: usize| columns.iter().map(move |values| values[k]);
+    let values = (0..times_ns.len()).flat_map(row).collect();
+    let all = SensorSeries::new(names, times_ns, values).and_then(|all| all.of(model));
+    all.map_err(|source| SessionError::content(path, source))
+}
+
 /// Writes recorded inputs: their times, and every column under its name.
 ///
 /// # Errors
@@ -58,6 +92,20 @@ pub fn write_inputs(path: &Path, inputs: &InputSeries) -> Result<(), SessionErro
         std::iter::once(TIME_COLUMN).chain(inputs.names().iter().map(String::as_str)).collect();
     let rows = inputs.times_s().iter().enumerate();
     let rows = rows.map(|(k, t_s)| std::iter::once(*t_s).chain(inputs.row(k).iter().copied()).collect());
+    write_numbers(path, &header, rows)
+}
+
+/// Writes samples of sensors: their times, and every column under its name.
+///
+/// # Errors
+/// What the file system refuses.
+pub fn write_sensors(path: &Path, sensors: &SensorSeries) -> Result<(), SessionError> {
+    let header: Vec<&str> =
+        std::iter::once(TIME_COLUMN).chain(sensors.columns().iter().map(String::as_str)).collect();
+    let rows = sensors.times_ns().iter().enumerate();
+    let rows = rows.map(|(k, t_ns)| {
+        std::iter::once(*t_ns as f64 * 1e-9).chain(sensors.row(k).iter().copied()).collect()
+    });
     write_numbers(path, &header, rows)
 }
 

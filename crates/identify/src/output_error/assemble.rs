@@ -27,7 +27,7 @@ pub(super) fn assemble(solved: &Solved<'_>) -> Result<OutputErrorFit, IdentifyEr
     let channels = problem.measurements.channels();
     let p = fitter.free().len();
     let Covariance { bound, coloured, uneven, lag } =
-        Covariance::new(linear, fitter.free().len(), channels.len())?;
+        Covariance::new(linear, fitter.free().len(), &problem.measurements.series())?;
     let mut covariance = no_less_than(&bound, &coloured);
     if let Some(uneven) = &uneven {
         covariance = no_less_than(&covariance, uneven);

@@ -120,11 +120,11 @@ struct Channels {
 }
 
 impl Channels {
-    fn new(linear: &Linear, times_s: &[f64], channels: usize) -> Self {
+    fn new(linear: &Linear, channels: usize) -> Self {
         let mut rows = vec![Vec::new(); channels];
         linear.places.iter().enumerate().for_each(|(row, place)| rows[place.channel].push(row));
         let place = |row: &usize| &linear.places[*row];
-        let times = |own: &Vec<usize>| own.iter().map(|row| times_s[place(row).instant]).collect();
+        let times = |own: &Vec<usize>| own.iter().map(|row| place(row).t_s).collect();
         let path = |own: &Vec<usize>| {
             let (mut path_px, mut before) = (0.0, None);
             let way = own.iter().map(|row| {
@@ -161,11 +161,11 @@ impl Channels {
 impl Colour {
     /// Finds the noise by restricted maximum likelihood (Patterson & Thompson 1971), in rounds of expectation
     /// and maximisation (Dempster, Laird & Rubin 1977).
-    pub(crate) fn find(linear: &Linear, times_s: &[f64], channels: usize) -> Result<Self, IdentifyError> {
-        let places = Channels::new(linear, times_s, channels);
+    pub(crate) fn find(linear: &Linear, channels: usize) -> Result<Self, IdentifyError> {
+        let places = Channels::new(linear, channels);
         let mut found = Self::most_likely(&places, &DMatrix::from_rows(&[linear.residuals().transpose()]));
         for _ in 0..ROUNDS {
-            let white = found.whitened(linear, times_s);
+            let white = found.whitened(linear);
             let covariance = inverse(&white.information()).ok_or(IdentifyError::RankZero)?;
             let left = linear.residuals() - linear.by().tr_mul(&white.step(&covariance));
             let root = covariance.cholesky().ok_or(IdentifyError::RankZero)?.l();
@@ -209,8 +209,8 @@ impl Colour {
     }
 
     /// The model with rows of unit variance that do not hang together, if these are the errors.
-    pub(crate) fn whitened(&self, linear: &Linear, times_s: &[f64]) -> Linear {
-        let places = Channels::new(linear, times_s, self.channels.len());
+    pub(crate) fn whitened(&self, linear: &Linear) -> Linear {
+        let places = Channels::new(linear, self.channels.len());
         let mut out = linear.clone();
         for ((rows, along), noise) in places.rows.iter().zip(places.along(self.along)).zip(&self.channels) {
             let white = noise.white.sqrt().recip();

@@ -5,6 +5,7 @@ use super::shooting::{Evaluation, Place};
 use crate::IdentifyError;
 use crate::inverse::inverse;
 use nalgebra::{DMatrix, DMatrixView, DVector};
+use std::ops::Range;
 
 /// Added to a unit diagonal, so that a direction that is not determined keeps its value.
 const RIDGE: f64 = 1e-13;
@@ -238,11 +239,14 @@ impl Linear {
         self.rows.rows(0, self.unknowns()).tr_mul(step).norm_squared()
     }
 
-    /// Residuals by instant and channel; zero where nothing was seen.
-    pub(crate) fn table(&self, channels: usize) -> DMatrix<f64> {
-        let mut table = DMatrix::zeros(self.places.last().map_or(0, |p| p.instant) + 1, channels);
-        for (place, r) in self.places.iter().zip(&self.residuals()) {
-            table[(place.instant, place.channel)] = *r;
+    /// Residuals of a series by instant and channel; zero where nothing was seen.
+    pub(crate) fn table(&self, series: &Range<usize>) -> DMatrix<f64> {
+        let residuals = self.residuals();
+        let own = self.places.iter().zip(&residuals).filter(|(place, _)| series.contains(&place.channel));
+        let instants = own.clone().map(|(place, _)| place.instant).max().unwrap_or(0) + 1;
+        let mut table = DMatrix::zeros(instants, series.len());
+        for (place, r) in own {
+            table[(place.instant, place.channel - series.start)] = *r;
         }
         table
     }

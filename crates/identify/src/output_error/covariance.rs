@@ -4,6 +4,7 @@ use super::condense::{Bound, Linear};
 use crate::IdentifyError;
 use crate::robust_covariance::bartlett_sum;
 use nalgebra::DMatrix;
+use std::ops::Range;
 
 pub(crate) struct Covariance {
     /// Of the parameters, for white rows.
@@ -17,27 +18,40 @@ pub(crate) struct Covariance {
 }
 
 impl Covariance {
-    pub(crate) fn new(linear: &Linear, parameters: usize, channels: usize) -> Result<Self, IdentifyError> {
+    /// Channels of different series are correlated neither by colour nor by level.
+    pub(crate) fn new(
+        linear: &Linear,
+        parameters: usize,
+        series: &[Range<usize>],
+    ) -> Result<Self, IdentifyError> {
         let Bound { covariance: bound, influence } = linear.bound(parameters)?;
-        let lag = correlation_lag(linear, channels);
-        let by_instant = Instants::new(linear, &influence, channels);
         // The priors' part of the bound is kept.
-        let white = &influence * influence.transpose();
-        let rest = &bound - &white;
-        let coloured = &rest + if lag == 0 { white } else { by_instant.colour(lag) };
-        let uneven = by_instant.is_uneven().then(|| &rest + by_instant.scores_spread(lag));
-        Ok(Self { bound, coloured, uneven, lag })
+        let mut coloured = &bound - &influence * influence.transpose();
+        let (mut spread, mut is_uneven, mut longest) = (coloured.clone(), false, 0);
+        for channels in series {
+            let lag = correlation_lag(linear, channels);
+            let by_instant = Instants::new(linear, &influence, channels);
+            let own = if lag == 0 { by_instant.white() } else { by_instant.colour(lag) };
+            if by_instant.is_uneven() {
+                (spread, is_uneven) = (spread + by_instant.scores_spread(lag), true);
+            } else {
+                spread += &own;
+            }
+            coloured += own;
+            longest = longest.max(lag);
+        }
+        Ok(Self { bound, coloured, uneven: is_uneven.then_some(spread), lag: longest })
     }
 }
 
 /// The lag from which residuals are uncorrelated, by the rule of Politis (2003, section 2): twice the lag
-/// after which five autocorrelations in a row remain below 2√(log₁₀ n/n), here of all channels together; 0
-/// for white ones.
-pub(crate) fn correlation_lag(linear: &Linear, channels: usize) -> usize {
-    let table = linear.table(channels);
+/// after which five autocorrelations in a row remain below 2√(log₁₀ n/n), here of all channels of a series
+/// together; 0 for white ones.
+pub(crate) fn correlation_lag(linear: &Linear, series: &Range<usize>) -> usize {
+    let table = linear.table(series);
     let instants = table.nrows();
     let longest = instants / 5;
-    let n = linear.places.len() as f64;
+    let n = linear.places.iter().filter(|place| series.contains(&place.channel)).count() as f64;
     let limit = 2.0 * (n.log10() / n).sqrt();
     let zero = table.norm_squared();
     if zero == 0.0 {
@@ -67,15 +81,23 @@ struct Instants {
 }
 
 impl Instants {
-    fn new(linear: &Linear, influence: &DMatrix<f64>, channels: usize) -> Self {
-        let residuals = linear.table(channels);
-        let mut by_instant = vec![DMatrix::zeros(influence.nrows(), channels); residuals.nrows()];
+    fn new(linear: &Linear, influence: &DMatrix<f64>, series: &Range<usize>) -> Self {
+        let residuals = linear.table(series);
+        let mut by_instant = vec![DMatrix::zeros(influence.nrows(), series.len()); residuals.nrows()];
         let mut rows = vec![0; residuals.nrows()];
         for (place, influence) in linear.places.iter().zip(influence.column_iter()) {
-            by_instant[place.instant].set_column(place.channel, &influence);
-            rows[place.instant] += 1;
+            if series.contains(&place.channel) {
+                by_instant[place.instant].set_column(place.channel - series.start, &influence);
+                rows[place.instant] += 1;
+            }
         }
         Self { residuals, influence: by_instant, rows }
+    }
+
+    /// The parameters' covariance for white rows.
+    fn white(&self) -> DMatrix<f64> {
+        let p = self.influence.first().map_or(0, DMatrix::nrows);
+        self.influence.iter().fold(DMatrix::zeros(p, p), |sum, own| sum + own * own.transpose())
     }
 
     /// The parameters' covariance for rows that are correlated over instants and channels alike through the

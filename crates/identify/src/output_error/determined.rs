@@ -40,7 +40,8 @@ impl Fitter<'_> {
 }
 
 /// Sizes of the free parameters below which an uncertainty is worth having: the value, at the start or now,
-/// or what makes an acceleration of a hundredth of gravity; 10 ms for the lag.
+/// or what makes an acceleration of a hundredth of gravity; 10 ms for the lag. Of what the motion does not
+/// answer to, what moves a sensor by the standard deviation of a sample.
 ///
 /// The acceleration is that of the body, or of a point at three radii of gyration for a turn, about trim at
 /// 1 m/s and 10 rad/s with further states at their usual excursions.
@@ -73,6 +74,14 @@ pub(crate) fn typical_sizes(fitter: &Fitter<'_>) -> Vec<f64> {
             *floor = own;
         }
     }
+    let mut by_sensors = vec![f64::INFINITY; floors.len()];
+    evaluation.sense(&y, &mut vec![0.0; model.sensors.len()]);
+    for slope in evaluation.sensors_by_parameter() {
+        let floor: &mut f64 = &mut by_sensors[equations.places[slope.column]];
+        *floor = floor.min(model.sensors[slope.row].std / slope.value.abs());
+    }
+    let unmoved = floors.iter_mut().zip(by_sensors).filter(|(floor, own)| **floor == 0.0 && own.is_finite());
+    unmoved.for_each(|(floor, own)| *floor = own);
     equations.lag.into_iter().for_each(|lag| floors[lag] = 0.01);
     let size = |(floor, p): (f64, &ModelParameter)| {
         let largest = floor.max(before.value(*p).abs()).max(now.value(*p).abs());

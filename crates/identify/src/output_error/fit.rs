@@ -63,8 +63,9 @@ pub(super) fn solve<'a>(
     if !fitter.converged {
         return Err(fitter.not_converged(tightness));
     }
-    let channels = fitter.problem.weights.len();
-    let correlated = options.noise == NoiseModel::Scaled && correlation_lag(&white, channels) > 0;
+    let series = fitter.problem.measurements.series();
+    let correlated = options.noise == NoiseModel::Scaled
+        && series.iter().any(|channels| correlation_lag(&white, channels) > 0);
     let coloured = if correlated { fitter.weigh_colour(white.clone(), tightness)? } else { None };
     let (linear, colour) = coloured.map_or((white, None), |(linear, colour)| (linear, Some(colour)));
     Ok(Solved { fitter, linear, colour })
@@ -81,11 +82,11 @@ impl Fitter<'_> {
         white: Linear,
         tightness: f64,
     ) -> Result<Option<(Linear, Colour)>, IdentifyError> {
-        let colour = Colour::find(&white, &self.problem.times_s, self.problem.weights.len())?;
+        let colour = Colour::find(&white, self.problem.weights.len())?;
         let start = self.point.clone();
         let mut linear = white;
         for _ in 0..RELAXATIONS {
-            let whitened = colour.whitened(&linear, &self.problem.times_s);
+            let whitened = colour.whitened(&linear);
             let information = whitened.information();
             let covariance = inverse(&information).ok_or(IdentifyError::RankZero)?;
             let step = whitened.step(&covariance);

@@ -8,7 +8,7 @@ use super::{
     disagreement, filter_error, output_error, predict_ahead, search_structure,
 };
 use crate::{Estimator, Identification, IdentifyError};
-use mavsight_flight::{InputSeries, Vehicle};
+use mavsight_flight::{InputSeries, SensorSeries, Vehicle};
 use mavsight_pose::{BodyMarker, MarkerObservation, PoseSample, Rig};
 use nalgebra::{DMatrix, DVector};
 
@@ -57,7 +57,7 @@ impl Default for MotionFits {
 
 /// What a user may choose of [`FlightFits::of_flight`].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct FlightFitOptions {
+pub struct FlightFitOptions<'a> {
     /// The inputs' clock.
     pub clock: InputClock,
     /// From and to: what is seen in this part of the flight is not fitted but predicted.
@@ -66,9 +66,11 @@ pub struct FlightFitOptions {
     pub fits: MotionFits,
     /// Whether terms that the model's file marks as candidates are searched ([`search_structure`]).
     pub search: bool,
+    /// Samples of the model's sensors by the clock of the poses, which both fits then take in.
+    pub sensors: Option<&'a SensorSeries>,
 }
 
-impl FlightFitOptions {
+impl FlightFitOptions<'_> {
     pub(super) fn holds_out(&self, t_ns: i64) -> bool {
         let t_s = t_ns as f64 * 1e-9;
         self.held_out_s.is_some_and(|(from_s, to_s)| t_s >= from_s && t_s <= to_s)
@@ -139,15 +141,18 @@ impl FlightFits {
     /// further states begin anywhere.
     ///
     /// # Errors
-    /// A vehicle that is not valid; refusals of a fit become sentences.
+    /// A vehicle that is not valid; sensors that are not those of the model; refusals of a fit become sentences.
     pub fn of_flight(
         vehicle: &Vehicle,
         inputs: &InputSeries,
         poses: &[PoseSample],
         images: Option<Images<'_>>,
-        options: &FlightFitOptions,
+        options: &FlightFitOptions<'_>,
     ) -> Result<Self, IdentifyError> {
-        let mut model = FlightModel::new(vehicle, inputs)?;
+        let sensors = options.sensors.map(|s| s.within(|t_ns| !options.holds_out(t_ns)));
+        let free = if sensors.is_some() { FlightModel::with_outputs } else { FlightModel::new };
+        let mut model = free(vehicle, inputs)?;
+        sensors.as_ref().map_or(Ok(()), |s| s.of(model.model()).map(drop))?;
         let stretch_s = fitted_stretch_s(poses);
         let begins =
             stretch_s.is_none_or(|(from_s, _)| poses.first().is_some_and(|p| seconds(p.t_ns) >= from_s));
@@ -160,7 +165,11 @@ impl FlightFits {
             images.map(|i| Images { observations: within(i.observations, stretch_s, |o| o.t_ns), ..i });
         let out: Vec<PoseSample> = poses.iter().filter(|p| options.holds_out(p.t_ns)).cloned().collect();
         let fitted = poses.iter().filter(|p| p.estimate.is_ok() && !options.holds_out(p.t_ns));
-        let states = Measurements::States(StateMeasurement::of_poses(fitted));
+        let sensed = |measured: Measurements| match &sensors {
+            Some(sensors) => measured.with_sensors(&vehicle.model, sensors),
+            None => Ok(measured),
+        };
+        let states = sensed(Measurements::States(StateMeasurement::of_poses(fitted)))?;
         let mut refusals = Vec::new();
         let search = options.search.then(|| {
             with_clock(&model, options.clock, |model| search_structure(model, inputs, &states, &defaults))
@@ -175,9 +184,9 @@ impl FlightFits {
             with_clock(&model, options.clock, |model| estimate(model, inputs, measured, &defaults))
         };
         let (poses, filter, image) = std::thread::scope(|scope| {
-            let image = images
-                .filter(|_| options.fits.output_error)
-                .map(|images| scope.spawn(move || fit(output_error, &images.measurements(options)?)));
+            let image = images.filter(|_| options.fits.output_error).map(|images| {
+                scope.spawn(move || fit(output_error, &sensed(images.measurements(options)?)?))
+            });
             let filter = options.fits.filter_error.then(|| scope.spawn(|| fit(filter_error, &states)));
             let poses = match found {
                 Some(found) => Some(Ok(found.into_fit())),
@@ -305,7 +314,7 @@ pub fn fitted_stretch_s(poses: &[PoseSample]) -> Option<(f64, f64)> {
 }
 
 impl Images<'_> {
-    fn measurements(&self, options: &FlightFitOptions) -> Result<Measurements, IdentifyError> {
+    fn measurements(&self, options: &FlightFitOptions<'_>) -> Result<Measurements, IdentifyError> {
         let fitted: Vec<MarkerObservation> =
             self.observations.iter().filter(|o| !options.holds_out(o.t_ns)).cloned().collect();
         let images = ImageMeasurements::new(self.rig, self.markers, &fitted)?

@@ -181,7 +181,10 @@ impl ImageMeasurements {
             let residual = self.whiteners[k] * (s.pixel - seen.pixel);
             out.extend((0..2).map(|axis| Row {
                 residual: residual[axis],
-                jacobian: by.column(axis).into_owned(),
+                by_pose: by.column(axis).into_owned(),
+                by_rest: Vec::new(),
+                by_parameter: Vec::new(),
+                instant,
                 channel: 2 * (s.camera * self.markers.len() + s.marker) + axis,
                 directions: self.directions.column(2 * k + axis).data.into_slice(),
                 pixel: seen.pixel.into(),

@@ -1,13 +1,17 @@
-//! What was measured: states with their covariance, or images of markers.
+//! What was measured: states with their covariance, or images of markers, and sensors beside them.
 
 use super::image::ImageMeasurements;
 use super::propagate::SEEN;
 use super::row::{Row, pose_of, whitener};
+use super::sensor::{Sample, SensedMeasurements};
 use crate::IdentifyError;
+use mavsight_flight::SensorSeries;
 use mavsight_geometry::attitude::right_jacobian;
 use mavsight_geometry::{Isometry3, Matrix3, Matrix6};
+use mavsight_model::Model;
 use mavsight_pose::{PoseEstimate, PoseSample};
 use nalgebra::Vector6;
+use std::ops::Range;
 
 /// The pose that was measured at one instant, or none.
 #[derive(Debug, Clone, PartialEq)]
@@ -73,6 +77,8 @@ pub enum Measurements {
     /// Measurements of which some instants are not fitted; the motion there is only where segments begin to
     /// be fitted from, as long gaps without would keep a fit from converging.
     Part(Box<Measurements>, LeftOut),
+    /// One of those with sensors ([`Measurements::with_sensors`]).
+    Sensed(Box<SensedMeasurements>),
 }
 
 /// Of each instant, whether it is not fitted.
@@ -82,11 +88,46 @@ pub struct LeftOut(pub(crate) Vec<bool>);
 const POSE_CHANNELS: [&str; SEEN] = ["x", "y", "z", "turn_x", "turn_y", "turn_z"];
 
 impl Measurements {
+    /// These with samples of the model's sensors by the same clock, in the place of any before. Samples before
+    /// the first instant of these and after the last are left out, and those that are not finite.
+    ///
+    /// # Errors
+    /// A column of a sensor of the model that is not there.
+    pub fn with_sensors(self, model: &Model, sensors: &SensorSeries) -> Result<Self, IdentifyError> {
+        let seen = match self {
+            Self::Sensed(all) => all.seen,
+            seen => seen,
+        };
+        Ok(Self::Sensed(Box::new(SensedMeasurements::new(seen, model, sensors)?)))
+    }
+
+    /// Whether there are sensors.
+    pub(crate) fn have_sensors(&self) -> bool {
+        matches!(self, Self::Sensed(_))
+    }
+
+    /// What the sensors show at an instant.
+    pub(crate) fn sample(&self, instant: usize) -> Option<Sample<'_>> {
+        match self {
+            Self::Sensed(all) => all.sample(instant),
+            _ => None,
+        }
+    }
+
+    /// Channels that are sampled together: those of the poses or images, and of the sensors.
+    pub(crate) fn series(&self) -> Vec<Range<usize>> {
+        match self {
+            Self::Sensed(all) => all.series(),
+            _ => std::iter::once(0..self.channels().len()).collect(),
+        }
+    }
+
     pub(crate) fn times_s(&self) -> Vec<f64> {
         match self {
             Self::States(s) => s.iter().map(StateMeasurement::t_s).collect(),
             Self::Image(i) => i.times_s(),
             Self::Part(all, _) => all.times_s(),
+            Self::Sensed(all) => all.times_s(),
         }
     }
 
@@ -95,6 +136,7 @@ impl Measurements {
             Self::States(_) => POSE_CHANNELS.map(str::to_owned).to_vec(),
             Self::Image(i) => i.channels(),
             Self::Part(all, _) => all.channels(),
+            Self::Sensed(all) => all.channels(),
         }
     }
 
@@ -103,6 +145,7 @@ impl Measurements {
             Self::States(s) => s.iter().map(|m| m.systematic.len() / SEEN).max().unwrap_or(0),
             Self::Image(i) => i.nuisances(),
             Self::Part(all, _) => all.nuisances(),
+            Self::Sensed(all) => all.seen.nuisances(),
         }
     }
 
@@ -114,10 +157,19 @@ impl Measurements {
             }
             Self::Image(i) => i.poses(),
             Self::Part(all, _) => all.poses(),
+            Self::Sensed(all) => all.poses(),
         }
     }
 
-    /// The measurements of some instants.
+    /// These without sensors.
+    pub(crate) fn seen(&self) -> &Self {
+        match self {
+            Self::Sensed(all) => &all.seen,
+            seen => seen,
+        }
+    }
+
+    /// The poses or images of some of their instants.
     pub(crate) fn at(&self, instants: &[usize]) -> Self {
         match self {
             Self::States(s) => Self::States(instants.iter().map(|i| s[*i].clone()).collect()),
@@ -126,21 +178,24 @@ impl Measurements {
                 let own = LeftOut(instants.iter().map(|i| left_out[*i]).collect());
                 Self::Part(Box::new(all.at(instants)), own)
             }
+            Self::Sensed(all) => all.seen.at(instants),
         }
     }
 
+    /// What poses or images say at an instant.
     pub(crate) fn rows(&self, instant: usize, y: &[f64]) -> Result<Vec<Row<'_>>, IdentifyError> {
         match self {
-            Self::States(s) => pose_rows(&s[instant], y),
+            Self::States(s) => pose_rows(s, instant, y),
             Self::Image(i) => i.rows(instant, y),
             Self::Part(_, LeftOut(left_out)) if left_out[instant] => Ok(Vec::new()),
             Self::Part(all, _) => all.rows(instant, y),
+            Self::Sensed(all) => all.seen_at(instant).map_or(Ok(Vec::new()), |own| all.seen.rows(own, y)),
         }
     }
 
     /// Refuses what cannot be fitted.
     pub(crate) fn check(&self) -> Result<(), IdentifyError> {
-        let times = self.times_s();
+        let times = self.seen().times_s();
         for pair in times.windows(2) {
             if pair[1] <= pair[0] {
                 return Err(IdentifyError::MeasurementTimes { t_s: pair[1], before_s: pair[0] });
@@ -150,6 +205,7 @@ impl Measurements {
             Self::States(samples) => samples,
             Self::Image(_) => return Ok(()),
             Self::Part(all, _) => return all.check(),
+            Self::Sensed(all) => return all.seen.check(),
         };
         for s in samples {
             if let Some((pose, covariance)) = &s.pose {
@@ -161,7 +217,12 @@ impl Measurements {
     }
 }
 
-fn pose_rows<'a>(s: &'a StateMeasurement, y: &[f64]) -> Result<Vec<Row<'a>>, IdentifyError> {
+fn pose_rows<'a>(
+    all: &'a [StateMeasurement],
+    instant: usize,
+    y: &[f64],
+) -> Result<Vec<Row<'a>>, IdentifyError> {
+    let s = &all[instant];
     let Some((measured, covariance)) = &s.pose else { return Ok(Vec::new()) };
     let l = whitener(covariance).ok_or(s.bad())?;
     let at = pose_of(y);
@@ -176,7 +237,10 @@ fn pose_rows<'a>(s: &'a StateMeasurement, y: &[f64]) -> Result<Vec<Row<'a>>, Ide
     let directions = s.systematic.len() / SEEN;
     let row = |k: usize| Row {
         residual: error[k],
-        jacobian: by.column(k).into_owned(),
+        by_pose: by.column(k).into_owned(),
+        by_rest: Vec::new(),
+        by_parameter: Vec::new(),
+        instant,
         channel: k,
         directions: &s.systematic[k * directions..(k + 1) * directions],
         pixel: [0.0; 2],

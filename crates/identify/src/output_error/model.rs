@@ -30,11 +30,28 @@ pub struct FlightModel {
 
 impl FlightModel {
     /// The flight model of a vehicle, which starts from the values in its files. Free are the parameters that
-    /// the model's file frees for these inputs ([`Freedom`]).
+    /// the model's file frees for these inputs ([`Freedom`]), but for those that [outputs] alone contain.
     ///
     /// # Errors
     /// A vehicle that is not valid, inputs without a column of the model.
     pub fn new(vehicle: &Vehicle, inputs: &InputSeries) -> Result<Self, IdentifyError> {
+        Self::build(vehicle, inputs, |model, k| !model.is_of_outputs_alone(k))
+    }
+
+    /// The same with those that [outputs] alone contain, such as a sensor's bias: for measurements with
+    /// sensors ([`super::Measurements::with_sensors`]).
+    ///
+    /// # Errors
+    /// Those of [`FlightModel::new`].
+    pub fn with_outputs(vehicle: &Vehicle, inputs: &InputSeries) -> Result<Self, IdentifyError> {
+        Self::build(vehicle, inputs, |_, _| true)
+    }
+
+    fn build(
+        vehicle: &Vehicle,
+        inputs: &InputSeries,
+        is_seen: impl Fn(&Model, usize) -> bool,
+    ) -> Result<Self, IdentifyError> {
         vehicle.validate()?;
         let inputs = inputs.select(&vehicle.input_columns())?;
         let model = Arc::clone(&vehicle.model);
@@ -44,7 +61,8 @@ impl FlightModel {
             Freedom::WhereMoved(own) => are_moved(&inputs, own),
             Freedom::UnlessMoved(own) => !are_moved(&inputs, own),
         };
-        let free = (0..model.parameters.len()).filter(|k| is_free(&model.parameters[*k].freedom));
+        let free = (0..model.parameters.len())
+            .filter(|k| is_free(&model.parameters[*k].freedom) && is_seen(&model, *k));
         let free = free.map(ModelParameter::Parameter).collect();
         Ok(Self { values: vehicle.values(), model, input_lag_s: 0.0, free })
     }
@@ -249,13 +267,22 @@ pub(crate) struct Equations {
 
 impl Equations {
     pub(crate) fn new(model: &FlightModel) -> Self {
+        Self::build(model, Dynamics::new)
+    }
+
+    /// With the model's sensors.
+    pub(crate) fn with_sensors(model: &FlightModel) -> Self {
+        Self::build(model, Dynamics::with_sensors)
+    }
+
+    fn build(model: &FlightModel, dynamics: fn(&Model, &[f64], &[usize]) -> Dynamics) -> Self {
         let own = |(place, parameter): (usize, &ModelParameter)| match parameter {
             ModelParameter::Parameter(k) => Some((place, *k)),
             ModelParameter::InputLag => None,
         };
         let (places, parameters): (Vec<usize>, Vec<usize>) =
             model.free.iter().enumerate().filter_map(own).unzip();
-        let dynamics = Dynamics::new(&model.model, &model.values, &parameters);
+        let dynamics = dynamics(&model.model, &model.values, &parameters);
         let mut is_linear = vec![false; model.free.len()];
         places.iter().enumerate().for_each(|(k, place)| is_linear[*place] = dynamics.is_linear_in(k));
         let lag = model.free.iter().position(|p| *p == ModelParameter::InputLag);

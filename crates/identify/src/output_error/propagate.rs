@@ -3,7 +3,7 @@
 use super::model::Equations;
 use mavsight_flight::InputSeries;
 use mavsight_model::{Evaluation, Fastest};
-use nalgebra::{DMatrix, Matrix3, Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{DMatrix, Matrix3, Matrix3x4, Quaternion, RowVector4, UnitQuaternion, Vector3};
 use std::ops::Range;
 
 /// Degrees of freedom that a measurement sees: those of the pose.
@@ -109,11 +109,7 @@ impl<'a> Propagator<'a> {
         let mut by = DMatrix::zeros(tangent + equations.is_linear.len(), y.len());
         (0..3).for_each(|k| by[(k, k)] = 1.0);
         (6..tangent).for_each(|k| by[(k, k + 1)] = 1.0);
-        let q = Quaternion::new(y[3], y[4], y[5], y[6]);
-        for k in 0..3 {
-            let d = q * Quaternion::from_imag(Vector3::ith(k, 0.5));
-            by.fixed_view_mut::<1, 4>(3 + k, 3).copy_from_slice(&[d.w, d.i, d.j, d.k]);
-        }
+        by.fixed_view_mut::<3, 4>(3, 3).copy_from(&by_turn(y));
         let work = Work { stage: by.clone(), sum: by.clone(), rate: by.clone() };
         Self { y: y.to_vec(), equations, by, work }
     }
@@ -192,6 +188,16 @@ fn variational(
         let out = &mut rate.as_mut_slice()[slope.row * rows..(slope.row + 1) * rows];
         out.iter_mut().zip(from).for_each(|(out, stage)| *out += slope.value * stage);
     }
+}
+
+/// Derivative of the attitude's four numbers by a small turn about the body's axes: a row for each axis.
+pub(crate) fn by_turn(y: &[f64]) -> Matrix3x4<f64> {
+    let q = Quaternion::new(y[3], y[4], y[5], y[6]);
+    let rows = [0, 1, 2].map(|k| {
+        let d = q * Quaternion::from_imag(Vector3::ith(k, 0.5));
+        RowVector4::new(d.w, d.i, d.j, d.k)
+    });
+    Matrix3x4::from_rows(&rows)
 }
 
 pub(crate) fn attitude(y: &[f64]) -> UnitQuaternion<f64> {

@@ -4,11 +4,18 @@ use super::propagate::{SEEN, attitude};
 use mavsight_geometry::{Isometry3, Vector3, world_from_level};
 use nalgebra::{SMatrix, SVector};
 
-/// One whitened coordinate: residual, its derivative by the seen part of the state, and where it belongs.
-#[derive(Debug, Clone, Copy)]
+/// One whitened coordinate: residual, derivatives of what was predicted, and where it belongs.
+#[derive(Debug, Clone)]
 pub(crate) struct Row<'a> {
     pub(crate) residual: f64,
-    pub(crate) jacobian: SVector<f64, SEEN>,
+    /// Derivative by the degrees of freedom of the pose.
+    pub(crate) by_pose: SVector<f64, SEEN>,
+    /// Those derivatives by degrees of freedom behind the pose that are not zero.
+    pub(crate) by_rest: Vec<(usize, f64)>,
+    /// Derivatives by free parameters, with the state held.
+    pub(crate) by_parameter: Vec<(usize, f64)>,
+    /// Its instant, counted in the series that it belongs to.
+    pub(crate) instant: usize,
     /// Which of the coordinates that return at every instant; each has a variance factor.
     pub(crate) channel: usize,
     /// What each nuisance does to it, whitened; empty where none does.

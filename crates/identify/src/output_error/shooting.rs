@@ -7,6 +7,7 @@ use super::propagate::{
     Propagator, Raster, SEEN, SHORTEST_TIME_CONSTANT_S, difference, fastest, longest_step_s, moved,
 };
 use super::row::Row;
+use super::sensor::input_rates;
 use crate::IdentifyError;
 use mavsight_flight::{FlightError, InputSeries};
 use mavsight_model::{FurtherState, RIGID_STATES};
@@ -109,6 +110,8 @@ pub(crate) struct Segment {
 
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Place {
+    pub(crate) t_s: f64,
+    /// Its instant, counted in the series that it belongs to.
     pub(crate) instant: usize,
     pub(crate) channel: usize,
     /// Where it was predicted in the image; the origin for what is no image.
@@ -138,6 +141,13 @@ struct SegmentEnd {
     length_s: f64,
     /// Nothing was measured for so long that the next one starts anew.
     is_cut: bool,
+}
+
+/// Where what is seen of a segment goes.
+struct Seen<'a> {
+    point: &'a Point,
+    rows: &'a mut Vec<f64>,
+    out: &'a mut Evaluation,
 }
 
 /// The residuals of rows, which are columns here: their last entries.
@@ -278,13 +288,13 @@ impl Shooting<'_> {
         let raster = self.raster(&point.model, longest_step_s(fastest));
         let mut flyer = Propagator::new(&self.equations, start);
         let mut rows = Vec::new();
-        self.see(&flyer, from, point, &mut rows, out)?;
+        self.see(&flyer, evaluation, from, &mut Seen { point, rows: &mut rows, out })?;
         // The instant at which the next segment starts belongs to that.
         let instants = from + 1..to + usize::from(ends_here);
         for step in raster.steps(self.times_s[from], self.times_s[to], instants) {
             flyer.step(evaluation, &self.inputs, &step);
             if let Some(instant) = step.instant {
-                self.see(&flyer, instant, point, &mut rows, out)?;
+                self.see(&flyer, evaluation, instant, &mut Seen { point, rows: &mut rows, out })?;
             }
         }
         if !flyer.is_finite() {
@@ -309,17 +319,22 @@ impl Shooting<'_> {
         out
     }
 
-    /// Appends the rows of an instant to those of its segment.
+    /// Appends the rows of an instant to those of its segment; the evaluation has the inputs of the instant.
     fn see(
         &self,
         flyer: &Propagator<'_>,
+        evaluation: &mut mavsight_model::Evaluation<'_>,
         instant: usize,
-        point: &Point,
-        rows: &mut Vec<f64>,
-        out: &mut Evaluation,
+        to: &mut Seen<'_>,
     ) -> Result<(), IdentifyError> {
+        let Seen { point, rows, out } = to;
         out.states[instant].clone_from(&flyer.y);
-        let seen: Vec<Row<'_>> = self.measurements.rows(instant, &flyer.y)?;
+        let mut seen: Vec<Row<'_>> = self.measurements.rows(instant, &flyer.y)?;
+        if let Some(sample) = self.measurements.sample(instant) {
+            let input = self.raster(&point.model, f64::INFINITY).input_at(self.times_s[instant]);
+            let rates = input_rates(&self.inputs, input);
+            seen.extend(sample.rows(&flyer.y, evaluation, &self.equations, &rates)?);
+        }
         if seen.is_empty() {
             return Ok(());
         }
@@ -327,13 +342,22 @@ impl Shooting<'_> {
         let mut by = DVector::zeros(tangent.nrows());
         for row in seen {
             let weight = self.weights[row.channel];
-            by.gemv(weight, &tangent.columns(0, SEEN), &row.jacobian, 0.0);
+            by.gemv(weight, &tangent.columns(0, SEEN), &row.by_pose, 0.0);
+            for (k, slope) in row.by_rest {
+                by.axpy(weight * slope, &tangent.column(k), 1.0);
+            }
+            for (place, slope) in row.by_parameter {
+                if !self.hold_nonlinear || self.equations.is_linear[place] {
+                    by[self.equations.tangent() + place] += weight * slope;
+                }
+            }
             rows.extend(by.iter());
             let shift: f64 = row.directions.iter().zip(&point.nuisances).map(|(d, z)| d * z).sum();
             let unmoved = point.nuisances.len() - row.directions.len();
             rows.extend(row.directions.iter().map(|d| weight * d).chain(std::iter::repeat_n(0.0, unmoved)));
             rows.push(weight * (row.residual - shift));
-            out.places.push(Place { instant, channel: row.channel, pixel: row.pixel });
+            let Row { instant: own, channel, pixel, .. } = row;
+            out.places.push(Place { t_s: self.times_s[instant], instant: own, channel, pixel });
         }
         Ok(())
     }

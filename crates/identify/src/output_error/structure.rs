@@ -99,6 +99,8 @@ pub struct StructureSearch {
 /// This repeats until no candidate passes; what was chosen is then fitted to the whole flight. Intervals do
 /// not allow for the choice.
 ///
+/// Sensors take no part in the choice, but in the final fit.
+///
 /// Further states that begin elsewhere than the model says imitate a missing term: where that may be, choose
 /// [`super::InitialStates::Free`].
 ///
@@ -116,7 +118,7 @@ pub fn search_structure(
     }
     measurements.check()?;
     let inputs_read = &model.inputs_of(inputs)?;
-    let parts = &Parts::of(measurements);
+    let parts = &Parts::of(measurements.seen());
     let recorded = Recorded { inputs: inputs_read, measurements: &parts.fitted };
     let (open, added) = (candidates(model), Vec::new());
     let mut search =

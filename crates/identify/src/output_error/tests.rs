@@ -3,6 +3,7 @@ mod filter;
 mod image;
 mod refusals;
 mod sensitivities;
+mod sensors;
 mod structure;
 mod support;
 mod systematic;

@@ -55,6 +55,7 @@ pub(crate) fn demo(args: &Demo) -> Result<()> {
         name: "demo",
         vehicle: &vehicle,
         inputs: Some(&inputs),
+        sensors: None,
         options: IdentifyOptions::default(),
     };
     let tracked = TrackedFlight { rig, tracked, body: Vec::new() };

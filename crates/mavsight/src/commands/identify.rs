@@ -14,8 +14,10 @@ use mavsight_identify::{Band, Bandwidth, EquationFile, Estimator, FitOptions, Op
 use mavsight_pipeline::IdentifyOptions;
 use mavsight_report::{Summary, parameter_text};
 use mavsight_session::{
-    FlightTable, RunResults, load_equations, load_vehicle, read_flight_table, read_summary, results::names,
-    tables::read_inputs, write_results,
+    FlightTable, RunResults, load_equations, load_vehicle, read_flight_table, read_summary,
+    results::names,
+    tables::{read_inputs, read_sensors},
+    write_results,
 };
 
 pub(crate) fn identify(args: &Identify) -> Result<()> {
@@ -24,6 +26,8 @@ pub(crate) fn identify(args: &Identify) -> Result<()> {
     let options = options(args, &vehicle)?;
     let vehicle = options.table.equations.as_ref().map_or(vehicle.clone(), |file| file.vehicle(&vehicle));
     let inputs = named(read_inputs(&args.inputs, &vehicle))?;
+    let sensors =
+        args.sensors.as_deref().map(|path| named(read_sensors(path, &vehicle.model))).transpose()?;
     let marker_names: Vec<String> = vehicle.marker.iter().map(|m| m.name.clone()).collect();
     let table = named(read_flight_table(&args.table, &marker_names))?;
     let only_output_error =
@@ -35,7 +39,13 @@ pub(crate) fn identify(args: &Identify) -> Result<()> {
     let bars = Bars::new();
     let session = session_of(args).unwrap_or_else(|| vehicle.name.clone());
     let mut results = RunResults { session, marker_names, ..RunResults::default() };
-    let flight = Flight { name: &vehicle.name, vehicle: &vehicle, inputs: Some(&inputs), options };
+    let flight = Flight {
+        name: &vehicle.name,
+        vehicle: &vehicle,
+        inputs: Some(&inputs),
+        sensors: sensors.as_ref(),
+        options,
+    };
     match table {
         FlightTable::Poses(poses) => {
             results.poses = poses;

@@ -8,12 +8,16 @@ use crate::cli::{Simulate, Stage, WrongCall};
 use crate::out::{out, outln};
 use crate::progress::Bars;
 use anyhow::Result;
-use mavsight_engine::{Flight, Options, first_frames, identify_from_poses, recorded_inputs};
+use mavsight_engine::{
+    Flight, Options, first_frames, identify_from_poses, recorded_inputs, recorded_sensors,
+};
 use mavsight_report::{FlightReport, Summary, write_report};
 use mavsight_score::{truth_of, write_truth};
 use mavsight_session::{
     RunResults, Session, make_folder, read_body, read_markers, read_poses, read_rig, read_summary,
-    results::names, tables::read_inputs, write_inputs, write_results, write_toml, write_vehicle,
+    results::names,
+    tables::{read_inputs, write_sensors},
+    write_inputs, write_results, write_toml, write_vehicle,
 };
 use mavsight_simulator::Carried;
 use serde_json::Value;
@@ -33,14 +37,22 @@ pub(crate) fn simulate(args: &Simulate) -> Result<()> {
         Some(path) => named(read_inputs(path, &vehicle))?,
         None => scenario.inputs(&vehicle)?,
     };
+    let mut sensors = None;
     let states = if args.carried {
         let further = vehicle.model.states.len();
         Carried::default().states(scenario.duration_s, scenario.frame_rate_hz, further)
     } else {
-        let start = scenario.start(&vehicle)?;
-        mavsight_simulator::simulate(&vehicle, &inputs, &start, &scenario.frame_times_s())?
+        let (start, times_s) = (scenario.start(&vehicle)?, scenario.frame_times_s());
+        let states = mavsight_simulator::simulate(&vehicle, &inputs, &start, &times_s)?;
+        if !vehicle.model.sensors.is_empty() {
+            sensors = Some(mavsight_simulator::sensed(&vehicle, &inputs, &states)?);
+        }
+        states
     };
     make_folder(out)?;
+    if let Some(sensors) = sensors {
+        write_sensors(&out.join("sensors.csv"), &sensors)?;
+    }
     write_vehicle(&out.join("vehicle.toml"), &vehicle)?;
     write_inputs(&out.join("inputs.csv"), &inputs)?;
     write_truth(&out.join("truth.csv"), &states, &vehicle)?;
@@ -109,7 +121,7 @@ fn put(mut results: RunResults, out: &Path) -> Result<()> {
 
 pub(crate) fn report(args: &Stage) -> Result<()> {
     let session = named(Session::load(&args.session))?;
-    let inputs = recorded_inputs(&session)?;
+    let (inputs, sensors) = (recorded_inputs(&session)?, recorded_sensors(&session)?);
     let truth = named(truth_of(&session))?;
     let camera_names: Vec<String> = session.cameras().iter().map(|c| c.name.clone()).collect();
     let marker_names: Vec<String> = session.vehicle.marker.iter().map(|m| m.name.clone()).collect();
@@ -127,7 +139,8 @@ pub(crate) fn report(args: &Stage) -> Result<()> {
         results.body = named(read_body(&body))?;
     }
     let bars = Bars::new();
-    let flight = Flight::of_session(&session, inputs.as_ref(), &Options::default())?;
+    let flight =
+        Flight::of_session(&session, inputs.as_ref(), &Options::default())?.with_sensors(sensors.as_ref());
     identify_from_poses(&mut results, &flight, &bars)?;
     bars.done();
     let scores = truth.as_deref().map(|t| scores_of(&results, t));

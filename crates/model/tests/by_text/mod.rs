@@ -107,6 +107,7 @@ impl File {
         own(section("inputs"), "trim", "$trim");
         own(section("parameters"), "value", "$value");
         own(section("derived"), "value", "$derived");
+        own(section("outputs"), "value", "$output");
         let numbers = |value: &Value| -> Vec<f64> {
             let number = |v: &Value| v.as_float().or(v.as_integer().map(|n| n as f64)).unwrap();
             value.as_array().unwrap().iter().map(number).collect()

@@ -34,7 +34,7 @@ pub(super) fn score_tests(
     fitter.at = fitter.problem.evaluate(&fitter.point)?;
     let mut linear = fitter.linearised(TIGHTNESS[3])?;
     if let Some(colour) = colour {
-        linear = colour.whitened(&linear, &fitter.problem.times_s);
+        linear = colour.whitened(&linear);
     }
     let first = linear.tangent + free;
     let rows: Vec<usize> = (first..first + candidates.len()).collect();
@@ -90,7 +90,8 @@ fn spread(left: &Linear, own: &DVector<f64>, channels: usize) -> f64 {
         scores[(place.instant, 0)] += own * residual;
     }
     // At least what Newey & West (1994) take for the number of instants.
-    let lag = correlation_lag(left, channels).max((4.0 * (instants as f64 / 100.0).powf(2.0 / 9.0)) as usize);
+    let lag =
+        correlation_lag(left, &(0..channels)).max((4.0 * (instants as f64 / 100.0).powf(2.0 / 9.0)) as usize);
     bartlett_sum(&scores, lag)[(0, 0)]
 }
 
@@ -121,7 +122,7 @@ mod tests {
                 let by = columns(i, c);
                 let residual = by[0] - 0.3 * by[1] + effect * by[2] + *error;
                 rows.set_column(places.len(), &[by[0], by[1], by[2], residual].into());
-                places.push(Place { instant: i, channel: c, pixel: [0.0; 2] });
+                places.push(Place { t_s: i as f64 / 30.0, instant: i, channel: c, pixel: [0.0; 2] });
             }
         }
         Linear { rows, places, tangent: 0 }

@@ -10,9 +10,13 @@ use mavsight_random::Random;
 use mavsight_simulator::{FlightState, Scenario, true_values};
 use nalgebra::Point3;
 
-const KNOWN: FlightFitOptions =
-    FlightFitOptions { clock: InputClock::Known, held_out_s: None, fits: BOTH, search: false };
-const BOTH: MotionFits = MotionFits { output_error: true, filter_error: true };
+const KNOWN: FlightFitOptions<'_> = FlightFitOptions {
+    clock: InputClock::Known,
+    held_out_s: None,
+    fits: MotionFits { output_error: true, filter_error: true },
+    search: false,
+    sensors: None,
+};
 
 pub(crate) fn rig() -> Rig {
     let size = ImageSize { width_px: 640, height_px: 480 };
