@@ -130,7 +130,7 @@ fn a_flight_without_fault_keeps_its_poses_and_its_gaps() {
 
 /// What an encoder repeats errs by the same in every frame: no smoother averages it out.
 #[test]
-fn errors_that_stay_are_claimed_in_full() {
+fn errors_that_remain_are_claimed_in_full() {
     let (mut inside, flights) = ([0.0; 2], 40);
     for seed in 0..flights {
         let mut random = Random::new(seed, 2);
