@@ -1,6 +1,8 @@
 //! A film whose picture an encoder has broken: most poses are lost, many of the others err by the same in every
 //! frame. What motion is given must hold its claims.
 
+#![allow(clippy::unwrap_used, clippy::panic)]
+
 use mavsight_engine::{Options, run};
 use mavsight_geometry::EulerAngles;
 use mavsight_pipeline::NoProgress;
