@@ -52,6 +52,7 @@ pub fn identify_from_motion(
     progress: &dyn Progress,
 ) -> Result<(), EngineError> {
     results.notes.extend(earlier_schema(flight.vehicle));
+    results.notes.extend(motion.doubts.words());
     let Some(recorded) = flight.inputs else {
         results.motion = Some(motion);
         results.notes.push("No parameters: the session names no inputs.".to_owned());

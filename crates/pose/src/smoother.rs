@@ -6,6 +6,7 @@
 //! flight is that of greatest likelihood of the innovations (`noise`; Harvey 1989, section 3.4). Another
 //! smoother does what [`smooth()`] does: poses in, a [`Motion`] out.
 
+mod believed;
 mod causal;
 mod integrator;
 mod motion;
@@ -16,7 +17,7 @@ mod whittaker;
 
 pub use causal::CausalFilter;
 pub use integrator::JerkNoise;
-pub use motion::{Motion, MotionCovariance, MotionSample, covariance_from_std, euler_std};
+pub use motion::{Doubts, Motion, MotionCovariance, MotionSample, covariance_from_std, euler_std};
 pub use noise::motion_noise;
 pub use smooth::{EffectsOf, smooth, smooth_with_effects};
 pub use state::MotionNoise;

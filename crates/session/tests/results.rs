@@ -76,6 +76,7 @@ fn motion() -> Motion {
     Motion {
         samples: vec![sample],
         unknown_ns: vec![7_000_000_000],
+        doubts: mavsight_pose::Doubts::default(),
         translation_bandwidth_hz: 3.5,
         rotation_bandwidth_hz: 4.5,
         sample_interval_s: 1.0 / 30.0,

@@ -14,7 +14,12 @@ pub(super) const CLAIM_DEGREES: f64 = 10.0;
 
 /// The 99.9 % quantile of chi-square.
 pub(crate) fn chi_square_gate(degrees: usize) -> f64 {
-    ChiSquared::new(degrees.max(1) as f64).map_or(f64::INFINITY, |c| c.inverse_cdf(1.0 - GATE_PROBABILITY))
+    chi_square_beyond(degrees, GATE_PROBABILITY)
+}
+
+/// What chi-square exceeds with a probability.
+pub(crate) fn chi_square_beyond(degrees: usize, probability: f64) -> f64 {
+    ChiSquared::new(degrees.max(1) as f64).map_or(f64::INFINITY, |c| c.inverse_cdf(1.0 - probability))
 }
 
 /// Whether a ratio of variances is beyond the 99.9 % quantile of F.

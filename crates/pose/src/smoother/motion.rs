@@ -100,6 +100,42 @@ impl MotionCovariance {
     }
 }
 
+/// What of the measured poses the smoother has not believed.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Doubts {
+    /// Times of poses that are left out: they disagree with all others.
+    pub left_out_ns: Vec<i64>,
+    /// Times of the last pose before and the first behind each gap that the motion does not cross: the poses
+    /// behind it contradict those before it.
+    pub severed_ns: Vec<(i64, i64)>,
+}
+
+impl Doubts {
+    /// What a reader should know, a sentence each.
+    pub fn words(&self) -> Vec<String> {
+        let seconds = |t_ns: i64| t_ns as f64 * 1e-9;
+        let mut words = Vec::new();
+        if let Some(first) = self.left_out_ns.first() {
+            words.push(format!(
+                "{} pose(s) are left out of the motion, the first at {:.3} s: they disagree with all others more than \
+                 one in a thousand flights has by chance.",
+                self.left_out_ns.len(),
+                seconds(*first)
+            ));
+        }
+        if let Some((from, to)) = self.severed_ns.first() {
+            words.push(format!(
+                "The motion is not known across {} gap(s) between poses, the first from {:.3} to {:.3} s: the poses \
+                 behind it contradict those before it at the jerk that the rest of the flight shows.",
+                self.severed_ns.len(),
+                seconds(*from),
+                seconds(*to)
+            ));
+        }
+        words
+    }
+}
+
 /// A smoothed flight.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Motion {
@@ -107,6 +143,8 @@ pub struct Motion {
     pub samples: Vec<MotionSample>,
     /// Those instants, in order.
     pub unknown_ns: Vec<i64>,
+    /// Poses and gaps that were not believed.
+    pub doubts: Doubts,
     /// Frequency at which the smoother passes one half of a position: H = 1/(1 + (f/fc)⁶).
     pub translation_bandwidth_hz: f64,
     /// Frequency at which it passes one half of a rotation.

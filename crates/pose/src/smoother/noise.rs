@@ -26,6 +26,8 @@ const SIGNIFICANT: f64 = 3.09;
 pub(crate) struct Likely {
     pub(crate) noise: MotionNoise,
     pub(crate) bandwidth_hz: (f64, f64),
+    /// Share of the stated covariances, of position and of attitude, that the innovations do not show.
+    pub(crate) unseen: [f64; 2],
 }
 
 /// The noise under which the poses of a flight are most likely: strength of the jerk and size of the
@@ -36,7 +38,7 @@ pub(crate) struct Likely {
 /// [`PoseError::TooFewPoses`] under 10 poses; [`PoseError::TimeNotIncreasing`]; [`PoseError::BadPose`].
 pub fn motion_noise(poses: &[PoseSample]) -> Result<MotionNoise, PoseError> {
     check(poses)?;
-    likely(poses).map(|l| l.noise)
+    Ok(crate::smoother::believed::believed(poses)?.found.noise)
 }
 
 pub(crate) fn check(poses: &[PoseSample]) -> Result<(), PoseError> {
@@ -53,17 +55,20 @@ pub(crate) fn check(poses: &[PoseSample]) -> Result<(), PoseError> {
     poses.iter().enumerate().try_for_each(|(index, pose)| crate::smoother::causal::check_pose(index, pose))
 }
 
-pub(crate) fn likely(poses: &[PoseSample]) -> Result<Likely, PoseError> {
+/// The noise of poses between which the motion begins anew at some, by their indices.
+pub(crate) fn likely(poses: &[PoseSample], anew: &[usize]) -> Result<Likely, PoseError> {
     let failed = PoseError::BadPose { index: 0, what: "the likelihood of the noise" };
     let first = poses.iter().position(|p| p.estimate.is_ok()).ok_or(failed.clone())?;
     let poses = &poses[first..];
+    let anew: Vec<usize> = anew.iter().filter_map(|k| k.checked_sub(first)).collect();
     // A table without the systematic errors has covariances whose size nobody vouches for.
     let vouched = poses.iter().filter_map(|p| p.estimate.as_ref().ok()).any(|e| e.systematic_columns() > 0);
-    let series = Series::of(poses, PRIOR_TRANSLATION, 0, |pose| pose.translation.vector);
-    let (translation, first_hz) = most_likely(&series, vouched).ok_or(failed.clone())?;
-    let series = Series::of(poses, PRIOR_ROTATION, 3, |pose| pose.rotation);
-    let (rotation, second_hz) = most_likely(&series, vouched).ok_or(failed)?;
-    Ok(Likely { noise: MotionNoise { translation, rotation }, bandwidth_hz: (first_hz, second_hz) })
+    let series = Series::of(poses, &anew, PRIOR_TRANSLATION, 0, |pose| pose.translation.vector);
+    let (translation, first_hz, first) = most_likely(&series, vouched).ok_or(failed.clone())?;
+    let series = Series::of(poses, &anew, PRIOR_ROTATION, 3, |pose| pose.rotation);
+    let (rotation, second_hz, second) = most_likely(&series, vouched).ok_or(failed)?;
+    let noise = MotionNoise { translation, rotation };
+    Ok(Likely { noise, bandwidth_hz: (first_hz, second_hz), unseen: [first, second] })
 }
 
 /// What the search moves: logarithms of the bandwidth in Hz, of the correlated part's variance over the new
@@ -71,7 +76,7 @@ pub(crate) fn likely(poses: &[PoseSample]) -> Result<Likely, PoseError> {
 type Parameters = [f64; 3];
 
 struct Search<'a, P> {
-    series: &'a Series<P>,
+    series: &'a Series<'a, P>,
     interval_s: f64,
     duration_s: f64,
     variance: f64,
@@ -82,8 +87,10 @@ struct Search<'a, P> {
 /// frequency. The factor on the covariances is the mean square of the normalised innovations.
 ///
 /// Innovations significantly below covariances that are vouched for show errors that move too slowly to be
-/// distinguished from motion. The factor is then one: the estimate is the same, its covariance is not.
-fn most_likely<P: Place>(series: &Series<P>, vouched: bool) -> Option<(JerkNoise, f64)> {
+/// distinguished from motion. The factor is then one: the estimate is the same, its covariance is not. The
+/// last value is the share of the covariances that the innovations then do not show, which no smoother
+/// averages out; otherwise zero.
+fn most_likely<P: Place>(series: &Series<'_, P>, vouched: bool) -> Option<(JerkNoise, f64, f64)> {
     let times: Vec<f64> =
         series.t_s.iter().zip(&series.measured).filter(|(_, m)| m.is_some()).map(|(t, _)| *t).collect();
     let count = times.len() as f64;
@@ -110,7 +117,11 @@ fn most_likely<P: Place>(series: &Series<P>, vouched: bool) -> Option<(JerkNoise
     let factor = if slow { 1.0 } else { shown };
     let unit = search.noise(&best);
     let (intensity, correlated) = (unit.intensity * factor, unit.correlated * factor);
-    Some((JerkNoise { intensity, variance_factor: factor, correlated, ..unit }, best[0].exp()))
+    Some((
+        JerkNoise { intensity, variance_factor: factor, correlated, ..unit },
+        best[0].exp(),
+        if slow { 1.0 - shown } else { 0.0 },
+    ))
 }
 
 impl<P: Place> Search<'_, P> {
@@ -183,17 +194,20 @@ struct Measured<P> {
 }
 
 /// Times and what was measured then; the first entry is measured.
-struct Series<P> {
+struct Series<'a, P> {
     t_s: Vec<f64>,
     measured: Vec<Option<Measured<P>>>,
+    /// Where the motion begins anew.
+    anew: &'a [usize],
     /// Standard deviations of rate and acceleration before anything is known.
     prior_std: (f64, f64),
 }
 
-impl<P> Series<P> {
+impl<'a, P> Series<'a, P> {
     /// The places of poses, with the block of their covariances that begins at a coordinate.
     fn of(
         poses: &[PoseSample],
+        anew: &'a [usize],
         prior_std: (f64, f64),
         at: usize,
         place: impl Fn(&Isometry3<f64>) -> P,
@@ -205,6 +219,7 @@ impl<P> Series<P> {
         Self {
             t_s: poses.iter().map(|p| (p.t_ns - poses[0].t_ns) as f64 * 1e-9).collect(),
             measured: poses.iter().map(|p| p.estimate.as_ref().ok().map(measured)).collect(),
+            anew,
             prior_std,
         }
     }
@@ -233,11 +248,12 @@ impl Innovations {
 const DIFFUSE: usize = 3;
 
 /// The innovations of a whole series; `None` where the arithmetic fails.
-fn innovations<P: Place>(series: &Series<P>, noise: &JerkNoise) -> Option<Innovations> {
-    let first = (*series.measured.first()?)?;
-    let mut chain = Integrator::at(first.place);
-    let start = &(first.covariance * noise.variance_factor);
-    let mut covariance = start_covariance(start, noise, series.prior_std);
+fn innovations<P: Place>(series: &Series<'_, P>, noise: &JerkNoise) -> Option<Innovations> {
+    let begun = |first: &Measured<P>| {
+        let start = first.covariance * noise.variance_factor;
+        (Integrator::at(first.place), start_covariance(&start, noise, series.prior_std))
+    };
+    let (mut chain, mut covariance) = begun(series.measured.first()?.as_ref()?);
     let mut sums = Innovations::default();
     let (mut seen_count, mut before) = (1, None);
     for k in 1..series.t_s.len() {
@@ -249,6 +265,10 @@ fn innovations<P: Place>(series: &Series<P>, noise: &JerkNoise) -> Option<Innova
         transition.forward(covariance.as_mut_slice(), CHAIN, 0);
         add_process_noise(covariance.as_mut_slice(), CHAIN, 0, dt_s, noise);
         let Some(seen) = &series.measured[k] else { continue };
+        if series.anew.contains(&k) {
+            ((chain, covariance), seen_count, before) = (begun(seen), 1, None);
+            continue;
+        }
         let y = chain.innovation(&seen.place);
         let rows = covariance.fixed_rows::<3>(0) + covariance.fixed_rows::<3>(CORRELATED);
         let s = rows.fixed_columns::<3>(0)

@@ -3,11 +3,13 @@
 //! What errors of cameras and marker positions do to the poses goes through the same smoother as the poses
 //! do, so that it arrives at the rates as their derivative.
 
+use crate::smoother::believed::{Believed, believed};
 use crate::smoother::integrator::{CHAIN, Transition};
-use crate::smoother::noise::{NEEDED, check, likely};
+use crate::smoother::noise::{NEEDED, check};
 use crate::smoother::state::{Adjoint, Joint, MotionNoise, Update};
 use crate::statistics::median;
 use crate::{Motion, PoseError, PoseEstimate, PoseSample};
+use mavsight_geometry::Matrix6;
 use nalgebra::Matrix6xX;
 use std::borrow::Cow;
 use std::ops::Range;
@@ -20,7 +22,9 @@ use std::ops::Range;
 /// smoother passes 1/(1 + (f/fc)⁶) of a position, with (2π fc)⁶ = q/(r dt). Times may be unevenly spaced.
 ///
 /// Instants without a pose are predicted only. In gaps longer than [`MotionNoise::longest_gap_s`], before the
-/// first pose and behind the last the motion is not known; each side of a gap is smoothed by itself.
+/// first pose and behind the last the motion is not known; each side of a gap is smoothed by itself. Poses
+/// that disagree with all others beyond chance are left out, and where the poses behind a gap contradict the
+/// motion before it, the motion in between is not known ([`crate::Doubts`]).
 ///
 /// # Errors
 /// [`PoseError::TooFewPoses`] under 10 poses, or where no part without a longer gap has as many;
@@ -46,16 +50,20 @@ pub fn smooth_with_effects(
     if !gravity_m_s2.is_finite() {
         return Err(PoseError::BadPose { index: 0, what: "gravity" });
     }
-    let found = likely(poses)?;
-    let mut samples = Vec::with_capacity(poses.len());
-    let parts = known_parts(poses, found.noise.longest_gap_s());
+    let Believed { poses: flown, anew, found, doubts } = believed(poses)?;
+    let (poses, mut samples) = (&*flown, Vec::with_capacity(poses.len()));
+    let parts = known_parts(poses, &anew, found.noise.longest_gap_s());
     let is_known = |k: &usize| parts.iter().any(|part| part.contains(k));
     let unknown_ns = (0..poses.len()).filter(|k| !is_known(k)).map(|k| poses[k].t_ns).collect();
     for part in parts.iter().rev().cloned() {
         let (first, flown) = (part.start, &poses[part]);
         let flown = Flown { poses: flown, first, effects };
         let failed = PoseError::BadPose { index: first, what: "the smoother's covariance" };
-        let visit = |k: usize, s: &Joint| samples.push(s.sample(poses[first + k].t_ns, gravity_m_s2));
+        let own = mean_own_covariance(flown.poses);
+        let visit = |k: usize, mut s: Joint, _: Option<Checked>| {
+            s.widen_by_unseen(&own, found.unseen);
+            samples.push(s.sample(poses[first + k].t_ns, gravity_m_s2));
+        };
         each_smoothed(flown, &found.noise, visit).ok_or(failed)?;
     }
     if samples.is_empty() {
@@ -65,15 +73,28 @@ pub fn smooth_with_effects(
     samples.reverse();
     let (translation_bandwidth_hz, rotation_bandwidth_hz) = found.bandwidth_hz;
     let sample_interval_s = median(poses.windows(2).map(|w| (w[1].t_ns - w[0].t_ns) as f64 * 1e-9).collect());
-    Ok(Motion { samples, unknown_ns, translation_bandwidth_hz, rotation_bandwidth_hz, sample_interval_s })
+    Ok(Motion {
+        samples,
+        unknown_ns,
+        doubts,
+        translation_bandwidth_hz,
+        rotation_bandwidth_hz,
+        sample_interval_s,
+    })
 }
 
-/// The instants whose motion is known, in parts without a longer gap, each from a pose to a pose.
-fn known_parts(poses: &[PoseSample], longest_gap_s: f64) -> Vec<Range<usize>> {
+fn mean_own_covariance(poses: &[PoseSample]) -> Matrix6<f64> {
+    let count = poses.iter().filter(|p| p.estimate.is_ok()).count().max(1) as f64;
+    poses.iter().filter_map(|p| p.estimate.as_ref().ok()).map(|e| e.own_covariance() / count).sum()
+}
+
+/// The instants whose motion is known, in parts without a longer gap in which it does not begin anew, each
+/// from a pose to a pose.
+pub(crate) fn known_parts(poses: &[PoseSample], anew: &[usize], longest_gap_s: f64) -> Vec<Range<usize>> {
     let longest_ns = (longest_gap_s * 1e9).min(i64::MAX as f64) as i64;
     let measured: Vec<usize> = (0..poses.len()).filter(|k| poses[*k].estimate.is_ok()).collect();
     measured
-        .chunk_by(|a, b| poses[*b].t_ns - poses[*a].t_ns <= longest_ns)
+        .chunk_by(|a, b| poses[*b].t_ns - poses[*a].t_ns <= longest_ns && !anew.contains(b))
         .filter(|part| part.len() >= NEEDED)
         .map(|part| part[0]..part[part.len() - 1] + 1)
         .collect()
@@ -81,14 +102,19 @@ fn known_parts(poses: &[PoseSample], longest_gap_s: f64) -> Vec<Range<usize>> {
 
 /// Poses with their systematic columns, formed as they are asked for.
 #[derive(Clone, Copy)]
-struct Flown<'a> {
-    poses: &'a [PoseSample],
+pub(crate) struct Flown<'a> {
+    pub(crate) poses: &'a [PoseSample],
     /// Index of the first of the poses among all.
-    first: usize,
-    effects: EffectsOf<'a>,
+    pub(crate) first: usize,
+    pub(crate) effects: EffectsOf<'a>,
 }
 
 impl<'a> Flown<'a> {
+    /// Without systematic errors, which do not change how poses agree.
+    pub(crate) fn without_effects(poses: &'a [PoseSample], first: usize) -> Self {
+        Self { poses, first, effects: &|_| Some(Matrix6xX::zeros(0)) }
+    }
+
     fn estimate(self, k: usize) -> Option<Cow<'a, PoseEstimate>> {
         let estimate = self.poses[k].estimate.as_ref().ok()?;
         Some(match (self.effects)(self.first + k) {
@@ -131,6 +157,8 @@ fn informed_start(flown: Flown<'_>, noise: &MotionNoise) -> Option<Joint> {
         }
     }
     state.covariance /= START_SHARE;
+    // Its variance is known beforehand: what is not known of the motion must not be sought in it.
+    state.forget_correlated(noise);
     Some(state)
 }
 
@@ -157,10 +185,23 @@ fn forward(
     Some(steps)
 }
 
-/// Calls `visit` with each smoothed state, the last first; the first of the instants is measured. Only one
+/// What a pose is next to the others, each chi-square with six degrees of freedom.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Checked {
+    /// Its innovation.
+    pub(crate) innovation: f64,
+    /// Its difference from what all others say of it.
+    pub(crate) disagreement: f64,
+}
+
+/// Calls `visit` with each smoothed state and how its pose agrees, the last first; the first of the instants is measured. Only one
 /// stretch of √n steps is held at a time: each is filtered once more when the backward pass comes to it
 /// (checkpoints, Griewank 1992).
-fn each_smoothed(flown: Flown<'_>, noise: &MotionNoise, mut visit: impl FnMut(usize, &Joint)) -> Option<()> {
+pub(crate) fn each_smoothed(
+    flown: Flown<'_>,
+    noise: &MotionNoise,
+    mut visit: impl FnMut(usize, Joint, Option<Checked>),
+) -> Option<()> {
     let count = flown.poses.len();
     let stretch = ((count as f64).sqrt() as usize).max(64);
     let instants = |part: usize| part * stretch..((part + 1) * stretch).min(count);
@@ -175,10 +216,14 @@ fn each_smoothed(flown: Flown<'_>, noise: &MotionNoise, mut visit: impl FnMut(us
         let steps = forward(flown, instants(part), noise, &mut start.clone())?;
         for (k, step) in instants(part).zip(&steps).rev() {
             let smoothed = adjoint.smoothed(&step.filtered);
-            is_sound(&smoothed).then(|| visit(k, &smoothed))?;
+            is_sound(&smoothed).then_some(())?;
+            let mut checked = None;
             if let Some(update) = &step.update {
+                let (innovation, disagreement) = (update.chi_square(), adjoint.disagreement(update)?);
+                checked = Some(Checked { innovation, disagreement });
                 adjoint.before_update(update);
             }
+            visit(k, smoothed, checked);
             if let Some(transitions) = &step.transitions {
                 adjoint.before_predict(transitions);
             }
@@ -196,7 +241,7 @@ fn is_sound(state: &Joint) -> bool {
 #[cfg(test)]
 fn smoothed(poses: &[PoseSample], noise: &MotionNoise) -> Option<Vec<Joint>> {
     let mut out = Vec::with_capacity(poses.len());
-    each_smoothed(Flown { poses, first: 0, effects: &|_| None }, noise, |_, state| out.push(state.clone()))?;
+    each_smoothed(Flown { poses, first: 0, effects: &|_| None }, noise, |_, state, _| out.push(state))?;
     out.reverse();
     Some(out)
 }
@@ -215,4 +260,4 @@ pub(crate) fn forward_samples(
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

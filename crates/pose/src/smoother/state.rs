@@ -120,6 +120,23 @@ impl Joint {
         transitions
     }
 
+    /// What a pose says beyond this state, and the covariance of that.
+    fn innovation(&self, seen: &PoseEstimate, noise: &MotionNoise) -> (Vector6<f64>, Matrix6<f64>) {
+        let pose = &seen.world_from_body;
+        let shift = self.translation.innovation(&pose.translation.vector);
+        let turn = self.rotation.innovation(&pose.rotation);
+        let h = observation();
+        let s = new_noise(seen, noise) + h * self.covariance * h.transpose();
+        (Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z), (s + s.transpose()) * 0.5)
+    }
+
+    /// The squared difference of a pose from this state, which does not contain it, over its covariance:
+    /// chi-square with six degrees of freedom.
+    pub(crate) fn disagreement(&self, seen: &PoseEstimate, noise: &MotionNoise) -> Option<f64> {
+        let (innovation, s) = self.innovation(seen, noise);
+        Some(innovation.dot(&s.cholesky()?.solve(&innovation)))
+    }
+
     /// Updates the state by a pose (Joseph's form, expanded). `None` where the arithmetic fails.
     pub(crate) fn update(
         &mut self,
@@ -127,14 +144,10 @@ impl Joint {
         noise: &MotionNoise,
         out: &mut Update,
     ) -> Option<()> {
-        let pose = &seen.world_from_body;
-        let shift = self.translation.innovation(&pose.translation.vector);
-        let turn = self.rotation.innovation(&pose.rotation);
-        out.innovation = Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z);
+        let (innovation, s) = self.innovation(seen, noise);
+        out.innovation = innovation;
         let h = observation();
         let rows = h * self.covariance;
-        let s = new_noise(seen, noise) + rows * h.transpose();
-        let s = (s + s.transpose()) * 0.5;
         out.inverse = s.cholesky()?.inverse();
         out.gain = rows.transpose() * out.inverse;
         let taken = out.gain * rows;
@@ -154,6 +167,36 @@ impl Joint {
             self.effects.set_column(c, &(effect + out.gain * y));
         }
         Some(())
+    }
+
+    /// Widens the covariance for a share of the poses' own covariance that their innovations do not show. Such
+    /// errors move as slowly as the motion; spread evenly over the band that the smoother passes, which is
+    /// the spectrum of greatest entropy for them, all of their variance passes, of which the smoother takes the
+    /// part of white errors.
+    pub(crate) fn widen_by_unseen(&mut self, own: &Matrix6<f64>, share: [f64; 2]) {
+        for (i, share) in share.into_iter().enumerate() {
+            let at = CHAIN * i;
+            let passed = self.covariance.fixed_view::<3, 3>(at, at).trace();
+            let ratio = own.fixed_view::<3, 3>(3 * i, 3 * i).trace() / passed;
+            if share > 0.0 && ratio > 1.0 {
+                let factor = (1.0 + share * (ratio - 1.0)).sqrt();
+                self.covariance.fixed_rows_mut::<CHAIN>(at).scale_mut(factor);
+                self.covariance.fixed_columns_mut::<CHAIN>(at).scale_mut(factor);
+            }
+        }
+    }
+
+    /// The state whose correlated error is that of no measurement yet.
+    pub(crate) fn forget_correlated(&mut self, noise: &MotionNoise) {
+        let chains = [(0, &noise.translation), (CHAIN, &noise.rotation)];
+        for (at, chain) in chains {
+            self.covariance.fixed_rows_mut::<3>(at + CORRELATED).fill(0.0);
+            self.covariance.fixed_columns_mut::<3>(at + CORRELATED).fill(0.0);
+            self.covariance
+                .fixed_view_mut::<3, 3>(at + CORRELATED, at + CORRELATED)
+                .copy_from(&chain.correlated);
+        }
+        (self.translation.correlated, self.rotation.correlated) = (Vector3::zeros(), Vector3::zeros());
     }
 
     pub(crate) fn blank_update(&self) -> Update {
@@ -203,6 +246,13 @@ impl Joint {
     }
 }
 
+impl Update {
+    /// The squared innovation over its covariance: chi-square with six degrees of freedom.
+    pub(crate) fn chi_square(&self) -> f64 {
+        self.innovation.dot(&(self.inverse * self.innovation))
+    }
+}
+
 /// The information of the later measurements: the adjoint state and its information matrix (Bryson & Frazier
 /// 1963 in the form of Bierman 1977, which inverts no predicted covariance).
 #[derive(Debug, Clone)]
@@ -229,6 +279,16 @@ impl Adjoint {
         out.covariance = (covariance + covariance.transpose()) * 0.5;
         out.effects -= p * &self.effects;
         out
+    }
+
+    /// The squared difference between a pose and what all others say of it, over its covariance: chi-square
+    /// with six degrees of freedom (deletion residual; de Jong & Penzer 1998). Of the adjoint after the update
+    /// by that pose.
+    pub(crate) fn disagreement(&self, update: &Update) -> Option<f64> {
+        let through = update.gain.tr_mul(&self.vector) + update.inverse * update.innovation;
+        let information = update.inverse + update.gain.tr_mul(&self.information) * update.gain;
+        let information = (information + information.transpose()) * 0.5;
+        Some(through.dot(&information.cholesky()?.solve(&through)))
     }
 
     pub(crate) fn before_update(&mut self, update: &Update) {

@@ -6,7 +6,9 @@ use crate::SessionError;
 use crate::table::Table;
 use mavsight_geometry::Vector3;
 use mavsight_pipeline::usual_interval_ns;
-use mavsight_pose::{Motion, MotionCovariance, MotionSample, PoseError, PoseSample, covariance_from_std};
+use mavsight_pose::{
+    Doubts, Motion, MotionCovariance, MotionSample, PoseError, PoseSample, covariance_from_std,
+};
 use nalgebra::SMatrix;
 use std::path::Path;
 
@@ -77,7 +79,15 @@ pub fn read_motion(path: &Path) -> Result<Motion, SessionError> {
         samples.push(motion_sample(instant.t_ns, &values, &series.stds(instant.row, 0.0, |_| true)?));
     }
     let [translation_bandwidth_hz, rotation_bandwidth_hz, sample_interval_s] = smoother(path, &samples)?;
-    Ok(Motion { samples, unknown_ns, translation_bandwidth_hz, rotation_bandwidth_hz, sample_interval_s })
+    let doubts = Doubts::default();
+    Ok(Motion {
+        samples,
+        unknown_ns,
+        doubts,
+        translation_bandwidth_hz,
+        rotation_bandwidth_hz,
+        sample_interval_s,
+    })
 }
 
 /// Bandwidths of translation and rotation and the sampling interval: from the summary, or as times show.

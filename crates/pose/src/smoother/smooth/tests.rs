@@ -5,16 +5,16 @@ use mavsight_random::Random;
 use nalgebra::{Matrix6xX, SVector, Translation3};
 use std::f64::consts::PI;
 
-const GRAVITY: f64 = 9.804;
+pub(crate) const GRAVITY: f64 = 9.804;
 
-fn pose(t_ns: i64, world_from_body: Isometry3<f64>, std: (f64, f64)) -> PoseSample {
+pub(crate) fn pose(t_ns: i64, world_from_body: Isometry3<f64>, std: (f64, f64)) -> PoseSample {
     let mut covariance = Matrix6::identity() * std.0 * std.0;
     covariance.fixed_view_mut::<3, 3>(3, 3).fill_diagonal(std.1 * std.1);
     PoseSample { t_ns, estimate: Ok(PoseEstimate::new(world_from_body, &covariance)) }
 }
 
 /// A smooth flight: sines of much the same jerk in all axes, as the smoother's one intensity supposes.
-fn flight(t: f64) -> Isometry3<f64> {
+pub(crate) fn flight(t: f64) -> Isometry3<f64> {
     let position =
         Vector3::new(0.8 * (1.1 * t).sin(), 0.3 * (1.5 * t + 1.0).cos(), 1.5 + 0.2 * (1.7 * t).sin());
     let attitude = EulerAngles {
@@ -26,7 +26,7 @@ fn flight(t: f64) -> Isometry3<f64> {
 }
 
 /// The motion by central differences of the exact flight.
-fn exact(t: f64) -> SVector<f64, 12> {
+pub(crate) fn exact(t: f64) -> SVector<f64, 12> {
     let h = 1e-4;
     let place = |t: f64| flight(t).translation.vector;
     let turn = |t: f64| (flight(t - h).rotation.inverse() * flight(t + h).rotation).scaled_axis() / (2.0 * h);
@@ -43,7 +43,7 @@ fn exact(t: f64) -> SVector<f64, 12> {
     out
 }
 
-fn filmed(
+pub(crate) fn filmed(
     count: i64,
     claimed_over_true: f64,
     random: &mut Random,
@@ -70,11 +70,11 @@ fn filmed(
 
 /// What a motion should have been: pose, then velocity in body axes, rates, specific force, angular
 /// acceleration.
-type Truth = (Isometry3<f64>, SVector<f64, 12>);
+pub(crate) type Truth = (Isometry3<f64>, SVector<f64, 12>);
 
 /// Share of the errors within 1.96 standard deviations of pose, velocities, accelerations; root mean
 /// square errors.
-fn coverage(motion: &Motion, truth: impl Fn(usize) -> Truth) -> ([f64; 3], SVector<f64, 18>) {
+pub(crate) fn coverage(motion: &Motion, truth: impl Fn(usize) -> Truth) -> ([f64; 3], SVector<f64, 18>) {
     let mut inside = [0.0; 3];
     let mut squares = SVector::<f64, 18>::zeros();
     let count = motion.samples.len() as f64;
@@ -144,7 +144,7 @@ fn over_a_long_gap_there_is_no_motion_and_next_to_it_intervals_hold() {
 /// A flight of the smoother's own kind, integrated in steps of a millisecond and measured every 33: each
 /// error of 1 mm and 3 mrad is new, but for a part whose standard deviation and time constant are given.
 /// Under the seeds that are used no flight turns by more than half a turn between two poses.
-fn white_jerk(seed: u64, correlated: (f64, f64)) -> (Vec<PoseSample>, Vec<Truth>) {
+pub(crate) fn white_jerk(seed: u64, correlated: (f64, f64)) -> (Vec<PoseSample>, Vec<Truth>) {
     let (jerk, spin_jerk, fine) = (0.5f64, 2.0f64, 1e-3);
     let mut random = Random::new(seed, 0);
     let (mut p, mut v, mut a) = (Vector3::new(0.0, 0.0, 1.5), Vector3::zeros(), Vector3::zeros());
