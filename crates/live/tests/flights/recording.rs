@@ -26,6 +26,7 @@ fn session(at: &Path) -> SessionFile {
         name: "recorded".into(),
         vehicle: at.join("vehicle.toml"),
         inputs: "".into(),
+        sensors: None,
         truth: None,
         model: None,
         control: Some(ControlSection {
