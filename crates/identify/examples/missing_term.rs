@@ -46,15 +46,16 @@ fn main() -> Result<(), Box<dyn Error>> {
     let (mut found, mut held, mut flybar, mut others) = (0, 0, 0, 0);
     let (mut by_output, mut by_filter) = (0, 0);
     for flight in 11..=22 {
-        let Flown { model, inputs, measurements } = Flown::read(Path::new(&folder), flight)?;
+        let flown = Flown::read(Path::new(&folder), flight)?;
+        let (model, inputs, measurements) = (flown.model()?, &flown.inputs, flown.measurements());
         println!("flight {flight}:");
         let options = OutputErrorOptions::default();
-        by_output += inside("output error", output_error(&model, &inputs, &measurements, &options));
-        by_filter += inside("filter error", filter_error(&model, &inputs, &measurements, &options));
+        by_output += inside("output error", output_error(&model, inputs, &measurements, &options));
+        by_filter += inside("filter error", filter_error(&model, inputs, &measurements, &options));
         // The discs are not in trim at the first instant.
         let options = OutputErrorOptions { initial: InitialStates::Free, ..options };
         let begin = Instant::now();
-        let search = match search_structure(&model, &inputs, &measurements, &options) {
+        let search = match search_structure(&model, inputs, &measurements, &options) {
             Ok(search) => search,
             Err(error) => {
                 println!("  search: {error}");

@@ -12,6 +12,7 @@
 //! standard deviations (Morelli & Klein 1997). Output error takes the process itself as free of noise: wind, or a
 //! model that lacks a term, is treated as such errors. Filter error estimates its noise.
 
+mod adequacy;
 mod ahead;
 mod assemble;
 mod colour;

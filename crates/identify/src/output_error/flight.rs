@@ -3,6 +3,7 @@
 use super::measure::{Measurements, StateMeasurement};
 use super::model::FlightModel;
 use super::prediction::predict_poses;
+use super::structure::terms_asked_for;
 use super::{
     Disagreement, Estimates, ImageMeasurements, InitialStates, OutputErrorFit, OutputErrorOptions,
     disagreement, filter_error, output_error, predict_ahead, search_structure,
@@ -136,9 +137,10 @@ impl FlightFits {
     ///
     /// Where the clocks are not known to agree, the lag of the inputs is free too: what is not known of it is
     /// then in all intervals. A flight that does not determine it is fitted without. What is held out enters
-    /// no fit; each then predicts its poses. Candidate terms are searched on the poses; the fit to the images
-    /// has those that were added, and the notes of the fit to the poses say which and why. With a search the
-    /// further states begin anywhere.
+    /// no fit; each then predicts its poses. Where filter error contradicts output error, no parameter of output
+    /// error is determined. Candidate terms are searched on the poses; the fit to the images has those that were
+    /// added, and the notes of the fit to the poses say which and why. With a search the further states begin
+    /// anywhere.
     ///
     /// # Errors
     /// A vehicle that is not valid; sensors that are not those of the model; refusals of a fit become sentences.
@@ -152,7 +154,6 @@ impl FlightFits {
         let sensors = options.sensors.map(|s| s.within(|t_ns| !options.holds_out(t_ns)));
         let free = if sensors.is_some() { FlightModel::with_outputs } else { FlightModel::new };
         let mut model = free(vehicle, inputs)?;
-        sensors.as_ref().map_or(Ok(()), |s| s.of(model.model()).map(drop))?;
         let stretch_s = fitted_stretch_s(poses);
         let begins =
             stretch_s.is_none_or(|(from_s, _)| poses.first().is_some_and(|p| seconds(p.t_ns) >= from_s));
@@ -197,14 +198,11 @@ impl FlightFits {
         let mut kept = |what: &str, fit: Result<OutputErrorFit, IdentifyError>| {
             let mut fit = fit.map_err(|why| refusals.push(format!("No {what}: {why}"))).ok()?;
             if options.held_out_s.is_some() {
-                let refused = |why: IdentifyError| refusals.push(format!("No prediction by {what}: {why}"));
+                let mut refused = |why| refusals.push(format!("No prediction by {what}: {why}"));
+                fit.held_out = predict_poses(&model, &fit, inputs, &out).map_err(&mut refused).ok();
                 let states = StateMeasurement::of_poses(out.iter());
-                let predicted = predict_poses(&model, &fit, inputs, &out).map(Some);
                 let ahead = predict_ahead(&model, &fit, inputs, &states, AHEAD_S);
-                (fit.held_out, fit.ahead) = predicted
-                    .and_then(|predicted| Ok((predicted, ahead?)))
-                    .map_err(refused)
-                    .unwrap_or_default();
+                fit.ahead = ahead.map_err(refused).ok().flatten();
             }
             Some(fit)
         };
@@ -214,7 +212,13 @@ impl FlightFits {
         let own = model.inputs_of(inputs)?;
         let rows = (0..own.times_s().len()).map(|k| own.row(k));
         let equation_over_motion = model.model().equation_over_motion(model.values(), rows);
-        Ok(Self { poses, filter, image, held: model.held(), refusals, stretch_s, equation_over_motion })
+        let held = model.held();
+        let mut out = Self { poses, filter, image, held, refusals, stretch_s, equation_over_motion };
+        let free = OutputErrorOptions { initial: InitialStates::Free, ..defaults };
+        out.doubt(|| {
+            with_clock(&model, options.clock, |model| terms_asked_for(model, inputs, &states, &free))
+        });
+        Ok(out)
     }
 
     /// The fits with their names in `parameters.csv`.

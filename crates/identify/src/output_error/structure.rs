@@ -132,6 +132,34 @@ pub fn search_structure(
     Ok(StructureSearch { fit, model, added, not_added })
 }
 
+/// Candidate terms for which the residuals of output error ask, the strongest first: by score tests over the whole
+/// flight, none of which is followed by a fit. Sensors take no part.
+///
+/// # Errors
+/// Those of [`super::output_error`].
+pub(super) fn terms_asked_for(
+    model: &FlightModel,
+    inputs: &InputSeries,
+    measurements: &Measurements,
+    options: &OutputErrorOptions,
+) -> Result<Vec<TriedTerm>, IdentifyError> {
+    let mut open = candidates(model);
+    if open.is_empty() {
+        return Ok(open);
+    }
+    let inputs = &model.inputs_of(inputs)?;
+    let solved = solve(model, Recorded { inputs, measurements: measurements.seen() }, options)?;
+    let parameters: Vec<ModelParameter> = open.iter().map(|c| c.parameter).collect();
+    for (term, test) in open.iter_mut().zip(score_tests(solved, &parameters)?) {
+        term.test = test;
+    }
+    let chi_square = |t: &TriedTerm| t.test.map_or(0.0, |test| test.chi_square);
+    let level = LEVEL / open.len() as f64;
+    open.retain(|t| t.test.is_some_and(|test| test.p_value <= level));
+    open.sort_by(|a, b| chi_square(b).total_cmp(&chi_square(a)));
+    Ok(open)
+}
+
 /// What a search has come to.
 struct Search<'a> {
     parts: &'a Parts,

@@ -2,7 +2,9 @@
 
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::{EulerAngles, Matrix6, Vector3, world_from_body};
+use mavsight_identify::IdentifyError;
 use mavsight_identify::output_error::{FlightModel, Measurements, StateMeasurement};
+use mavsight_pose::{PoseEstimate, PoseSample};
 use std::error::Error;
 use std::path::Path;
 
@@ -23,12 +25,12 @@ pub(crate) const TRUTH: [(&str, f64); 10] = [
 
 /// One flight.
 pub(crate) struct Flown {
-    /// The paper's helicopter, the lag of its inputs free.
-    pub(crate) model: FlightModel,
+    /// The paper's helicopter.
+    pub(crate) vehicle: Vehicle,
     /// Recorded inputs.
     pub(crate) inputs: InputSeries,
     /// Poses that the inputs cover.
-    pub(crate) measurements: Measurements,
+    pub(crate) poses: Vec<PoseSample>,
 }
 
 impl Flown {
@@ -41,8 +43,17 @@ impl Flown {
         let inputs = InputSeries::new(names[1..].to_vec(), times_s, values)?;
         let poses = table(&folder.join(format!("poses-{flight}.csv")))?.rows;
         let poses = poses.iter().filter(|row| row[0] <= inputs.end_s()).map(|row| pose(row)).collect();
-        let model = FlightModel::new(&vehicle, &inputs)?.with_free_lag();
-        Ok(Self { model, inputs, measurements: Measurements::States(poses) })
+        Ok(Self { vehicle, inputs, poses })
+    }
+
+    /// The model, with the lag of the inputs free.
+    pub(crate) fn model(&self) -> Result<FlightModel, IdentifyError> {
+        Ok(FlightModel::new(&self.vehicle, &self.inputs)?.with_free_lag())
+    }
+
+    /// The poses as measurements.
+    pub(crate) fn measurements(&self) -> Measurements {
+        Measurements::States(StateMeasurement::of_poses(self.poses.iter()))
     }
 }
 
@@ -64,9 +75,10 @@ fn table(path: &Path) -> Result<Table, Box<dyn Error>> {
 }
 
 /// A row has time, then value and standard deviation of each coordinate.
-fn pose(row: &[f64]) -> StateMeasurement {
+fn pose(row: &[f64]) -> PoseSample {
     let angles = EulerAngles { phi_rad: row[7], theta_rad: row[9], psi_rad: row[11] };
     let pose = world_from_body(Vector3::new(row[1], row[3], row[5]), angles);
     let variances = [2, 4, 6, 8, 10, 12].map(|k| row[k] * row[k]);
-    StateMeasurement::of_pose((row[0] * 1e9).round() as i64, pose, Matrix6::from_diagonal(&variances.into()))
+    let estimate = PoseEstimate::new(pose, &Matrix6::from_diagonal(&variances.into()));
+    PoseSample { t_ns: (row[0] * 1e9).round() as i64, estimate: Ok(estimate) }
 }

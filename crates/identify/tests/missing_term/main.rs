@@ -4,8 +4,8 @@ mod flights;
 
 use flights::{Flown, TRUTH};
 use mavsight_identify::output_error::{
-    FittedParameter, InitialStates, NotAdded, OutputErrorFit, OutputErrorOptions, StructureSearch,
-    filter_error, output_error, search_structure,
+    FittedParameter, FlightFitOptions, FlightFits, InitialStates, NotAdded, OutputErrorFit,
+    OutputErrorOptions, StructureSearch, filter_error, output_error, search_structure,
 };
 use std::path::{Path, PathBuf};
 
@@ -25,9 +25,10 @@ fn flown(flight: usize) -> Option<Flown> {
 }
 
 fn search(flight: usize, initial: InitialStates) -> Option<StructureSearch> {
-    let Flown { model, inputs, measurements } = flown(flight)?;
+    let flown = flown(flight)?;
+    let (model, measurements) = (flown.model().expect("a model"), flown.measurements());
     let options = OutputErrorOptions { initial, ..OutputErrorOptions::default() };
-    Some(search_structure(&model, &inputs, &measurements, &options).expect("a search"))
+    Some(search_structure(&model, &flown.inputs, &measurements, &options).expect("a search"))
 }
 
 /// That the drag was found and nothing else, and that the intervals hold the truth.
@@ -82,8 +83,9 @@ fn a_first_choice_that_a_later_one_replaces_is_taken_back() {
 fn intervals_of_filter_error_hold_where_those_of_output_error_do_not() {
     let (mut by_filter, mut by_output) = (0, 0);
     for flight in 11..=13 {
-        let Some(Flown { model, inputs, measurements }) = flown(flight) else { return };
-        let options = OutputErrorOptions::default();
+        let Some(flown) = flown(flight) else { return };
+        let (model, measurements) = (flown.model().expect("a model"), flown.measurements());
+        let (inputs, options) = (&flown.inputs, OutputErrorOptions::default());
         let inside = |fit: &OutputErrorFit| {
             let holds = |(name, truth): &&(&str, f64)| {
                 let p = fit.parameter(name).expect("free");
@@ -91,8 +93,24 @@ fn intervals_of_filter_error_hold_where_those_of_output_error_do_not() {
             };
             TRUTH.iter().filter(holds).count()
         };
-        by_filter += inside(&filter_error(&model, &inputs, &measurements, &options).expect("a fit"));
-        by_output += inside(&output_error(&model, &inputs, &measurements, &options).expect("a fit"));
+        by_filter += inside(&filter_error(&model, inputs, &measurements, &options).expect("a fit"));
+        by_output += inside(&output_error(&model, inputs, &measurements, &options).expect("a fit"));
     }
     assert!(by_filter >= 27 && by_output <= 20, "{by_filter} and {by_output} of 30");
+}
+
+#[test]
+fn output_error_is_doubted_and_the_drag_is_named() {
+    let Some(Flown { vehicle, inputs, poses }) = flown(11) else { return };
+    let fits = FlightFits::of_flight(&vehicle, &inputs, &poses, None, &FlightFitOptions::default());
+    let fits = fits.expect("fits");
+    let output = fits.poses.expect("output error");
+    assert!(output.parameters.iter().all(|p| !p.identifiable), "{:?}", output.notes);
+    assert!(
+        output.notes[0].starts_with("Do not use its parameters: filter error contradicts"),
+        "{:?}",
+        output.notes
+    );
+    assert!(output.notes[1].contains("d_xy, drag along x and y"), "{:?}", output.notes);
+    assert!(fits.filter.expect("filter error").parameters.iter().any(|p| p.identifiable));
 }

@@ -5,7 +5,8 @@ use crate::output_error::filter::VELOCITY;
 use crate::output_error::fitter::{Fitter, Recorded};
 use crate::output_error::innovations::innovations;
 use crate::output_error::{
-    FlightModel, Measurements, OutputErrorFit, OutputErrorOptions, filter_error, output_error, predict_ahead,
+    FlightFitOptions, FlightFits, FlightModel, InputClock, Measurements, OutputErrorFit, OutputErrorOptions,
+    filter_error, output_error, predict_ahead,
 };
 use mavsight_flight::{InputSeries, Vehicle, VehicleFile};
 use mavsight_random::Random;
@@ -39,11 +40,15 @@ const GUST_STD_N: f64 = 0.2;
 const TRUTH: [(&str, f64); 3] = [("gain", 1.0), ("drag", 0.3), ("lift", 4.9)];
 
 fn pushed() -> Vehicle {
+    vehicle(PUSHED)
+}
+
+fn vehicle(model: &str) -> Vehicle {
     let mut paper = VehicleFile::from(Vehicle::paper());
     (paper.model, paper.mass_kg) = (Some("pushed.toml".to_owned()), MASS_KG);
     paper.parameters.clear();
     paper.simulation.clear();
-    paper.vehicle(|_| Ok(PUSHED.to_owned())).expect("a vehicle")
+    paper.vehicle(|_| Ok(model.to_owned())).expect("a vehicle")
 }
 
 /// A flight, and its inputs as a recorder has them: without the gusts.
@@ -137,6 +142,26 @@ fn a_fitted_model_predicts_a_second_ahead_better_than_holding_the_velocity() {
     let expected_m = (GUST_STD_N / MASS_KG) * STEP_S.sqrt();
     assert!(errors.model.position_m < 2.0 * expected_m, "{errors:?}");
     assert!(errors.held.position_m > 3.0 * errors.model.position_m, "{errors:?}");
+}
+
+/// The body's drag is a candidate of the model that it is fitted with.
+#[test]
+fn a_term_that_the_residuals_ask_for_is_named() {
+    let free = "drag = { unit = \"N s/m\", value = 0.3, free = true }";
+    let candidate = "drag = { unit = \"N s/m\", value = 0, candidate = \"drag of the box\" }";
+    assert!(PUSHED.contains(free));
+    let notes = |fitted: &Vehicle| {
+        let (flown, mut random) = (pushed(), Random::new(11, 0));
+        let (inputs, states) = blown(&flown, 0.0, &mut random);
+        let poses = super::image::samples(&states, &mut random);
+        let known = FlightFitOptions { clock: InputClock::Known, ..FlightFitOptions::default() };
+        let fits = FlightFits::of_flight(fitted, &inputs, &poses, None, &known).expect("fits");
+        fits.poses.expect("output error").notes.join(" ")
+    };
+    let lacking = notes(&vehicle(&PUSHED.replace(free, candidate)));
+    assert!(lacking.contains("The residuals ask for drag, drag of the box (chi-square"), "{lacking}");
+    let whole = notes(&pushed());
+    assert!(!whole.contains("ask for") && !whole.contains("Do not use"), "{whole}");
 }
 
 /// A fit of the paper's helicopter over half a second, with process noise along every axis.
