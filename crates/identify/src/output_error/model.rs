@@ -30,7 +30,7 @@ pub struct FlightModel {
 
 impl FlightModel {
     /// The flight model of a vehicle, which starts from the values in its files. Free are the parameters that
-    /// the model's file frees for these inputs ([`Freedom`]), but for those that [outputs] alone contain.
+    /// the model's file frees for these inputs ([`Freedom`]), but for those that `[outputs]` alone contain.
     ///
     /// # Errors
     /// A vehicle that is not valid, inputs without a column of the model.
@@ -38,7 +38,7 @@ impl FlightModel {
         Self::build(vehicle, inputs, |model, k| !model.is_of_outputs_alone(k))
     }
 
-    /// The same with those that [outputs] alone contain, such as a sensor's bias: for measurements with
+    /// The same with those that `[outputs]` alone contain, such as a sensor's bias: for measurements with
     /// sensors ([`super::Measurements::with_sensors`]).
     ///
     /// # Errors
