@@ -66,7 +66,7 @@ impl<'a> Flight<'a> {
         Ok(Self { name, vehicle, inputs, sensors: None, options: identify })
     }
 
-    /// The same with samples of the model's sensors, as [`recorded_sensors`] reads them.
+    /// This flight with samples of the model's sensors, as [`recorded_sensors`] reads them.
     #[must_use]
     pub fn with_sensors(self, sensors: Option<&'a SensorSeries>) -> Self {
         Self { sensors, ..self }

@@ -38,8 +38,8 @@ impl FlightModel {
         Self::build(vehicle, inputs, |model, k| !model.is_of_outputs_alone(k))
     }
 
-    /// The same with those that `[outputs]` alone contain, such as a sensor's bias: for measurements with
-    /// sensors ([`super::Measurements::with_sensors`]).
+    /// The flight model of a vehicle as by [`FlightModel::new`], but free are also the parameters that `[outputs]`
+    /// alone contain, such as a sensor's bias: for measurements with sensors ([`super::Measurements::with_sensors`]).
     ///
     /// # Errors
     /// Those of [`FlightModel::new`].
