@@ -27,7 +27,8 @@ pub(crate) fn summarise(summary: &mut Summary, results: &RunResults) {
             let shown = format!("{:.0} % for {extent}", 100.0 * share);
             section.add("correlated", "correlated part of the errors", value, shown);
         }
-        for (what, e) in fit.ahead.iter().flat_map(|a| [("ahead", a.model), ("held_ahead", a.held)]) {
+        let ahead = fit.ahead.iter().flat_map(|a| [("ahead", a.model), ("held_ahead", Some(a.held))]);
+        for (what, e) in ahead.filter_map(|(what, e)| Some((what, e?))) {
             section.hidden(format!("{what}_position_rms"), e.position_m);
             section.hidden(format!("{what}_attitude_rms"), e.attitude_rad);
         }
@@ -81,10 +82,11 @@ fn prediction(name: &str, held: &Prediction) -> String {
 fn ahead_of(name: &str, errors: &AheadErrors) -> String {
     let shown =
         |e: &PoseErrors| format!("{:.1} mm and {:.2}°", 1e3 * e.position_m, e.attitude_rad.to_degrees());
-    let is_better = errors.ran_away == 0
-        && errors.model.position_m < errors.held.position_m
-        && errors.model.attitude_rad < errors.held.attitude_rad;
-    let verdict = if is_better { "" } else { ": do not use its parameters" };
+    let is_better = |model: &PoseErrors| {
+        model.position_m < errors.held.position_m && model.attitude_rad < errors.held.attitude_rad
+    };
+    let is_of_use = errors.ran_away == 0 && errors.model.as_ref().is_some_and(is_better);
+    let verdict = if is_of_use { "" } else { ": do not use its parameters" };
     let ran_away = match errors.ran_away {
         0 => String::new(),
         count => format!(" ({count} of them ran away)"),
@@ -94,7 +96,7 @@ fn ahead_of(name: &str, errors: &AheadErrors) -> String {
         words(name),
         errors.horizon_s,
         errors.count,
-        shown(&errors.model),
+        errors.model.as_ref().map_or("nowhere".to_owned(), shown),
         shown(&errors.held)
     )
 }

@@ -38,8 +38,8 @@ pub struct AheadErrors {
     pub count: usize,
     /// Predictions by the model that ran away: they are in no root mean square.
     pub ran_away: usize,
-    /// Of the model with the recorded inputs.
-    pub model: PoseErrors,
+    /// Of the model with the recorded inputs; none where all predictions ran away.
+    pub model: Option<PoseErrors>,
     /// Of holding velocity (in the world) and rates (in the body): without any model.
     pub held: PoseErrors,
 }
@@ -78,11 +78,11 @@ pub fn predict_ahead(
         by_model.extend(flown(&fitted, inputs, &y, span).map(|p| PoseErrors::between(&p, &pose)));
         by_holding.push(PoseErrors::between(&held(&y, span), &pose));
     }
-    Ok((!by_model.is_empty()).then(|| AheadErrors {
+    Ok((!by_holding.is_empty()).then(|| AheadErrors {
         horizon_s,
         count: by_holding.len(),
         ran_away: by_holding.len() - by_model.len(),
-        model: PoseErrors::rms(&by_model),
+        model: (!by_model.is_empty()).then(|| PoseErrors::rms(&by_model)),
         held: PoseErrors::rms(&by_holding),
     }))
 }
