@@ -22,12 +22,16 @@ impl FlightFits {
         if apart.is_none() && !self.poses.as_ref().is_some_and(is_correlated) {
             return;
         }
-        let asked = ask().unwrap_or_default();
-        let terms: Vec<String> = asked.iter().map(asked_for).collect();
-        let missing = match (terms.is_empty(), &apart) {
-            (false, _) => format!("The residuals ask for {}: --search tries it.", terms.join(", ")),
-            (true, Some(_)) => "No candidate of the model's file explains what it lacks.".to_owned(),
-            (true, None) => return,
+        let missing = match (ask(), &apart) {
+            (Ok(asked), None) if asked.is_empty() => return,
+            (Ok(asked), Some(_)) if asked.is_empty() => {
+                "No candidate of the model's file passes a score test.".to_owned()
+            }
+            (Ok(asked), _) => {
+                let terms: Vec<String> = asked.iter().map(asked_for).collect();
+                format!("The residuals ask for {}: --search tries it.", terms.join(", "))
+            }
+            (Err(why), _) => format!("The model's candidates were not tried: {why}"),
         };
         let doubt = apart.as_ref().map(|c| {
             format!(
