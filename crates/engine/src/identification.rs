@@ -10,6 +10,7 @@ use mavsight_pipeline::{
 };
 use mavsight_pose::Motion;
 use mavsight_session::RunResults;
+use std::borrow::Cow;
 
 /// Smooths the poses of the results into motion and identifies its parameters; what the flight does not
 /// determine becomes a note.
@@ -142,7 +143,8 @@ fn equation_error(
     })
 }
 
-/// Output error from the poses, and from the images where there are any, with the body as refined.
+/// Output error from the poses, and from the images where there are any, with the body as refined. What the smoother
+/// has left out, which disagrees with all other poses, is left out here too.
 fn output_error(
     results: &RunResults,
     flight: &Flight<'_>,
@@ -155,11 +157,14 @@ fn output_error(
         marker.radius_m = 0.5 * built.diameter_m;
         markers_std_m = markers_std_m.max(built.position_std_m.max());
     }
+    let left_out = results.motion.as_ref().map_or(&[][..], |m| &m.doubts.left_out_ns);
+    let observations = without(inputs.covered(&results.markers, |m| m.t_ns), left_out, |m| m.t_ns);
+    let poses = without(inputs.covered(&results.poses, |p| p.t_ns), left_out, |p| p.t_ns);
     let images = results.rig.as_ref().filter(|_| !results.markers.is_empty()).map(|rig| Images {
         rig,
         markers: &markers,
         markers_std_m,
-        observations: inputs.covered(&results.markers, |m| m.t_ns),
+        observations: &observations,
     });
     let clock = if flight.options.lag_s.is_some() { InputClock::Known } else { InputClock::Free };
     let options = FlightFitOptions {
@@ -169,9 +174,17 @@ fn output_error(
         search: flight.options.search,
         sensors: flight.sensors,
     };
-    let poses = inputs.covered(&results.poses, |p| p.t_ns);
-    let fits = FlightFits::of_flight(flight.vehicle, inputs, poses, images, &options);
+    let fits = FlightFits::of_flight(flight.vehicle, inputs, &poses, images, &options);
     Ok(fits.map_err(PipelineError::from)?)
+}
+
+/// Items without those of some times, which are in order.
+fn without<'a, T: Clone>(items: &'a [T], left_out_ns: &[i64], t_ns: impl Fn(&T) -> i64) -> Cow<'a, [T]> {
+    if left_out_ns.is_empty() {
+        return Cow::Borrowed(items);
+    }
+    let is_kept = |item: &&T| left_out_ns.binary_search(&t_ns(item)).is_err();
+    items.iter().filter(is_kept).cloned().collect()
 }
 
 /// Whether an error lies in what was asked for, and not in the flight.

@@ -21,10 +21,12 @@ mod noise;
 mod orthogonal;
 pub mod output_error;
 mod passed;
+mod pooled;
 mod recursive;
 mod regression;
 mod regressors;
 mod robust_covariance;
+mod several_flights;
 mod signals;
 mod structure;
 mod table;
@@ -45,10 +47,12 @@ pub use least_squares::{LeastSquares, least_squares, student_quantile_975, weigh
 pub use mavsight_model::regression::RegressionError;
 pub use model::{EquationFile, Measured, OutputEquation, OutputEquations, Scale, When};
 pub use noise::SignalErrors;
+pub use pooled::{FlightEstimate, Pooled, pooled};
 pub use recursive::RecursiveLeastSquares;
 pub use regression::{identify, identify_with};
 pub use regressors::{Bandwidth, Options, coefficients};
 pub use robust_covariance::Correlation;
+pub use several_flights::{FittedFlight, PooledParameter, pooled_parameters};
 pub use structure::{Structure, StructureStep, choose_structure, stepwise};
 pub use table::{CoefficientTable, Column, Fixed, Output};
 pub use total_least_squares::{

@@ -16,6 +16,7 @@ mod adequacy;
 mod ahead;
 mod assemble;
 mod colour;
+mod comparison;
 mod condense;
 mod covariance;
 mod determined;
@@ -40,13 +41,16 @@ mod squares;
 mod start;
 mod structure;
 
+pub use adequacy::Adequacy;
 pub use ahead::{AheadErrors, PoseErrors, predict_ahead};
+pub use comparison::Comparison;
+pub(crate) use disagreement::chi_square_tail;
 pub use disagreement::{Disagreement, Estimates, disagreement};
 pub use expected::{ExpectedFit, ExpectedParameter, expected_fit};
 pub use filter::filter_error;
 pub use fit::output_error;
 pub use flight::{
-    Comparison, FILTER_ERROR, FlightFitOptions, FlightFits, Images, InputClock, MotionFits, OUTPUT_ERROR,
+    FILTER_ERROR, FlightFitOptions, FlightFits, Images, InputClock, MotionFits, OUTPUT_ERROR,
     fitted_stretch_s,
 };
 pub use image::ImageMeasurements;
@@ -56,7 +60,7 @@ pub use options::{InitialStates, NoiseModel, OutputErrorOptions};
 pub use prediction::predict_poses;
 pub use result::{DerivedQuantity, Extent, FittedParameter, OutputErrorFit, Prediction, SystematicErrors};
 pub use sensor::SensedMeasurements;
-pub use structure::{AddedTerm, NotAdded, ScoreTest, StructureSearch, TriedTerm, search_structure};
+pub use structure::{AddedTerm, AskedFor, NotAdded, ScoreTest, StructureSearch, TriedTerm, search_structure};
 
 #[cfg(test)]
 mod tests;

@@ -25,7 +25,7 @@ pub(crate) fn combination(output: &Output, dependence: &Dependence, position: us
 pub(crate) fn words(output: &Output, dependence: &Dependence, fit: &OutputFit) -> String {
     let explained = explained(output, fit);
     if !fit.explains {
-        return explained + REMEDY;
+        return explained + remedy(fit);
     }
     let mut text = explained + &determined(output, fit);
     // The frequency domain leaves constants out on purpose.
@@ -74,9 +74,17 @@ fn explained(output: &Output, fit: &OutputFit) -> String {
 }
 
 /// What to do where a fit is further from what was measured than the mean is.
-const REMEDY: &str = "Do not use this fit: it is worse than the mean. The errors of the regressors are as large as what \
-                      the flight moves, so that total least squares does not distinguish them. Least squares (ols) and \
-                      the fits of the equations of motion (oe, fe) bear that; a livelier manoeuvre mends it.";
+fn remedy(fit: &OutputFit) -> &'static str {
+    if fit.diagnostics.predicted_r2 > 0.0 {
+        "Do not use this fit: it is worse than the mean, and least squares is not. The errors of the regressors are as large \
+         as what the flight moves, so that total least squares does not distinguish them. Least squares (ols) and the fits \
+         of the equations of motion (oe, fe) bear that; a livelier manoeuvre mends it."
+    } else {
+        "Do not use this fit: it is worse than the mean, and so is least squares on parts that it leaves out. The \
+         regressors of this equation do not explain what was measured: use the fits of the equations of motion (oe, fe), \
+         or another model."
+    }
+}
 
 /// The dependent columns, and those that they depend on.
 fn dependent_together<'a>(output: &'a Output, dependence: &Dependence) -> Vec<&'a Column> {

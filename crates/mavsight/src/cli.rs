@@ -76,11 +76,12 @@ pub(crate) struct Demo {
 
 /// `run`
 #[derive(Debug, Args)]
-#[command(after_help = "Example:\n  mavsight run paper-flight/session.toml --out results")]
+#[command(after_help = "Example:\n  mavsight run paper-flight/session.toml --out results\n  \
+mavsight run monday.toml tuesday.toml --out results     (each in a folder of its own, and parameters over both)")]
 pub(crate) struct Run {
-    /// The session file
-    #[arg(value_name = "SESSION.toml")]
-    pub(crate) session: PathBuf,
+    /// The session file; of several flights of one aircraft each
+    #[arg(value_name = "SESSION.toml", required = true)]
+    pub(crate) sessions: Vec<PathBuf>,
     /// Folder for the results
     #[arg(long, value_name = "DIR")]
     pub(crate) out: PathBuf,
@@ -172,22 +173,27 @@ pub(crate) struct Film {
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  \
 mavsight identify results/pose.csv --inputs inputs.csv --vehicle vehicle.toml --out results\n  \
-mavsight identify mocap.csv --inputs log.csv --vehicle quad.toml --model quad-model.toml --hold-out 7..9\n\n\
+mavsight identify mocap.csv --inputs log.csv --vehicle quad.toml --model quad-model.toml --hold-out 7..9\n  \
+mavsight identify a.csv b.csv c.csv --inputs a-in.csv,b-in.csv,c-in.csv --vehicle vehicle.toml --out flights\n\n\
 The table has t_s,x_m,y_m,z_m,phi_rad,theta_rad,psi_rad at any rate, with or without a `_std` column for each, and is\n\
 smoothed; or it has all columns of motion.csv and is taken as it is. A row with its time alone was not measured.")]
 pub(crate) struct Identify {
-    /// Poses or motion, from `track` or from any other system
-    #[arg(value_name = "TABLE.csv")]
-    pub(crate) table: PathBuf,
-    /// Recorded inputs
-    #[arg(long, value_name = "FILE")]
-    pub(crate) inputs: PathBuf,
+    /// Poses or motion, from `track` or from any other system; of several flights of one aircraft each
+    #[arg(value_name = "TABLE.csv", required = true)]
+    pub(crate) tables: Vec<PathBuf>,
+    /// Recorded inputs: one file, or one for each table
+    #[arg(long, value_name = "FILES", value_delimiter = ',', required = true)]
+    pub(crate) inputs: Vec<PathBuf>,
     /// Vehicle file
     #[arg(long, value_name = "FILE")]
     pub(crate) vehicle: PathBuf,
-    /// Samples of the sensors that the flight model's [outputs] describe, for output error
-    #[arg(long, value_name = "FILE")]
-    pub(crate) sensors: Option<PathBuf>,
+    /// Samples of the sensors that the flight model's [outputs] describe, for output error: one file, or one for each
+    /// table
+    #[arg(long, value_name = "FILES", value_delimiter = ',')]
+    pub(crate) sensors: Vec<PathBuf>,
+    /// Split each flight into this many parts of one length, and fit each by itself
+    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(2..=100))]
+    pub(crate) parts: Option<u32>,
     /// Equations in place of those of the vehicle's model, or another flight model
     #[arg(long, value_name = "FILE")]
     pub(crate) model: Option<PathBuf>,

@@ -5,6 +5,7 @@ mod convert;
 mod convert_formats;
 mod demo;
 mod film;
+mod flights;
 mod identify;
 mod live;
 mod live_flight;

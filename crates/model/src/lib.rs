@@ -17,6 +17,7 @@ mod read;
 pub mod regression;
 mod rigid_body;
 mod shelf;
+mod signal_terms;
 mod start;
 mod syntax;
 mod unit;

@@ -9,6 +9,7 @@ mod drawing;
 mod equation_error;
 mod figures;
 mod flight_report;
+mod flights_report;
 mod heatmap;
 mod html;
 mod output_error;
@@ -19,6 +20,7 @@ mod summary;
 mod svg;
 
 pub use flight_report::{FlightReport, write_report};
+pub use flights_report::{pooled_text, write_flights_report};
 pub use html::{Figure, Report, ReportError, ReportSection, Table, render};
 pub use parameters::parameter_text;
 pub use plan_report::{CameraPlan, angle_deg, least, write_plan_report};

@@ -20,7 +20,7 @@ pub use mavsight_link::LiveSection;
 pub use results::{
     FlightTable, MarkerAsBuilt, RESULTS_SCHEMA, RunResults, has_assumed_std, read_body, read_flight_table,
     read_markers, read_motion, read_poses, read_rig, read_summary, write_markers, write_markers_early,
-    write_results, write_rig,
+    write_pooled, write_results, write_rig,
 };
 pub use session_file::{
     ControlSection, Estimate, FieldOrder, LineTime, RigSection, SESSION_SCHEMA, SessionCamera, SessionFile,

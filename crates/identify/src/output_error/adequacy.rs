@@ -1,55 +1,91 @@
 //! Whether a flight model is good enough for output error.
 
+use super::Disagreement;
 use super::flight::{FILTER_ERROR, FlightFits, OUTPUT_ERROR};
-use super::result::OutputErrorFit;
-use super::structure::{ScoreTest, TriedTerm};
+use super::structure::{AskedFor, ScoreTest, TriedTerm};
 use crate::IdentifyError;
 
 /// Chance that a fit is doubted whose model lacks nothing.
 const LEVEL: f64 = 0.01;
 
-impl FlightFits {
-    /// Says where the model lacks something.
-    ///
-    /// Where filter error contradicts output error, output error has taken what the model lacks for its parameters, and
-    /// none of them is determined. There, and where residuals of output error are correlated, a note names the model's
-    /// candidates that the residuals ask for, which `ask` finds.
-    pub(super) fn doubt(&mut self, ask: impl FnOnce() -> Result<Vec<TriedTerm>, IdentifyError>) {
-        let all = self.comparisons(None);
-        let pair = (OUTPUT_ERROR.to_owned(), FILTER_ERROR.to_owned());
-        let apart = all.into_iter().find(|c| c.between == pair && c.test.p_value < LEVEL);
-        let is_correlated = |fit: &OutputErrorFit| fit.systematic.is_some() || fit.correlated_instants > 0;
-        if apart.is_none() && !self.poses.as_ref().is_some_and(is_correlated) {
-            return;
-        }
-        let missing = match (ask(), &apart) {
-            (Ok(asked), None) if asked.is_empty() => return,
-            (Ok(asked), Some(_)) if asked.is_empty() => {
-                "No candidate of the model's file passes a score test.".to_owned()
-            }
-            (Ok(asked), _) => {
-                let terms: Vec<String> = asked.iter().map(asked_for).collect();
-                format!("The residuals ask for {}: --search tries it.", terms.join(", "))
-            }
-            (Err(why), _) => format!("The model's candidates were not tried: {why}"),
-        };
-        let doubt = apart.as_ref().map(|c| {
+/// What speaks against a flight model.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Adequacy {
+    /// That filter error contradicts output error: what the model lacks has gone into its parameters.
+    pub contradiction: Option<Disagreement>,
+    /// What the residuals of output error ask for; an error of the fit that would have said it.
+    pub asked_for: Option<Result<AskedFor, IdentifyError>>,
+}
+
+impl Adequacy {
+    /// Whether the flight shows that the model lacks something: a test at the level of 1 % fails, of the contradiction, of
+    /// the model's candidates, or of terms that follow a signal.
+    pub fn lacks_something(&self) -> bool {
+        let asks = self.asked_for.as_ref().is_some_and(|asked| asked.as_ref().is_ok_and(|a| !a.is_empty()));
+        self.contradiction.is_some() || asks
+    }
+
+    /// What a reader should know, in sentences.
+    fn words(&self) -> Vec<String> {
+        let doubt = self.contradiction.map(|test| {
             format!(
-                "Do not use its parameters: filter error contradicts them (chi-square {:.0} of {} parameters), so the \
-                 model lacks something.",
-                c.test.chi_square, c.test.degrees
+                "Do not use its parameters: filter error contradicts them (chi-square {:.0} of {} parameters), so the model \
+                 lacks something.",
+                test.chi_square, test.degrees
             )
         });
+        let asked = self.asked_for.as_ref().and_then(|asked| match asked {
+            Ok(asked) if asked.is_empty() => {
+                doubt.is_some().then(|| "No term that was tried passes a score test.".to_owned())
+            }
+            Ok(asked) => Some(asked.words()),
+            Err(why) => Some(format!("What the model lacks was not tried: {why}")),
+        });
+        doubt.into_iter().chain(asked).collect()
+    }
+}
+
+impl FlightFits {
+    /// Looks for what speaks against the model, and says so in the notes of output error.
+    ///
+    /// Where filter error contradicts output error, output error has taken what the model lacks for its parameters, and
+    /// none of them is determined.
+    pub(super) fn doubt(&mut self, asked_for: Option<Result<AskedFor, IdentifyError>>) {
+        let pair = (OUTPUT_ERROR.to_owned(), FILTER_ERROR.to_owned());
+        let all = self.comparisons(None);
+        let apart = all.into_iter().find(|c| c.between == pair && c.test.p_value < LEVEL);
+        self.adequacy = Adequacy { contradiction: apart.map(|c| c.test), asked_for };
+        let words = self.adequacy.words();
+        let is_contradicted = self.adequacy.contradiction.is_some();
         for fit in [&mut self.poses, &mut self.image].into_iter().flatten() {
-            fit.parameters.iter_mut().for_each(|p| p.identifiable &= doubt.is_none());
-            fit.notes.splice(0..0, doubt.iter().cloned().chain([missing.clone()]));
+            fit.parameters.iter_mut().for_each(|p| p.identifiable &= !is_contradicted);
+            fit.notes.splice(0..0, words.iter().cloned());
         }
     }
 }
 
-fn asked_for(term: &TriedTerm) -> String {
-    let test = term
-        .test
-        .map_or(String::new(), |ScoreTest { chi_square, .. }| format!(" (chi-square {chi_square:.0})"));
-    format!("{}, {}{test}", term.name, term.explains)
+impl AskedFor {
+    fn words(&self) -> String {
+        let term = |t: &TriedTerm| format!("{}, {}{}", t.name, t.explains, chi_square(t));
+        let mut words = Vec::new();
+        if !self.candidates.is_empty() {
+            let terms: Vec<String> = self.candidates.iter().map(term).collect();
+            words.push(format!("The residuals ask for {}: --search tries it.", terms.join(", ")));
+        }
+        if let Some(first) = self.signals.first() {
+            let step =
+                first.test.map_or(String::new(), |test| format!(", about {:+.2e} {}", test.step, first.unit));
+            words.push(format!(
+                "Of a lag of the inputs and of forces and moments that follow one signal, they ask most for {}{}{}.",
+                first.explains,
+                step.trim_end(),
+                chi_square(first)
+            ));
+        }
+        words.join(" ")
+    }
+}
+
+fn chi_square(term: &TriedTerm) -> String {
+    term.test.map_or(String::new(), |ScoreTest { chi_square, .. }| format!(" (chi-square {chi_square:.0})"))
 }

@@ -1,17 +1,18 @@
 //! Output error on all that was recorded of a flight.
 
+use super::adequacy::Adequacy;
 use super::measure::{Measurements, StateMeasurement};
 use super::model::FlightModel;
 use super::prediction::predict_poses;
 use super::structure::terms_asked_for;
 use super::{
-    Disagreement, Estimates, ImageMeasurements, InitialStates, OutputErrorFit, OutputErrorOptions,
-    disagreement, filter_error, output_error, predict_ahead, search_structure,
+    ImageMeasurements, InitialStates, OutputErrorFit, OutputErrorOptions, filter_error, output_error,
+    predict_ahead, search_structure,
 };
-use crate::{Estimator, Identification, IdentifyError};
+use crate::IdentifyError;
 use mavsight_flight::{InputSeries, SensorSeries, Vehicle};
 use mavsight_pose::{BodyMarker, MarkerObservation, PoseSample, Rig};
-use nalgebra::{DMatrix, DVector};
+use std::thread::ScopedJoinHandle;
 
 /// What the images of a flight are made of.
 #[derive(Debug, Clone, Copy)]
@@ -87,6 +88,8 @@ pub struct FlightFits {
     pub filter: Option<OutputErrorFit>,
     /// To the images of the markers.
     pub image: Option<OutputErrorFit>,
+    /// What speaks against the model.
+    pub adequacy: Adequacy,
     /// Parameters that would be free had the inputs moved what they act on.
     pub held: Vec<String>,
     /// Fits that were refused, and why.
@@ -95,7 +98,7 @@ pub struct FlightFits {
     pub stretch_s: Option<(f64, f64)>,
     /// Coefficients of equation error over the parameters of the same names
     /// ([`Model::equation_over_motion`]).
-    equation_over_motion: Vec<(String, f64)>,
+    pub(super) equation_over_motion: Vec<(String, f64)>,
 }
 
 /// A flight is fitted in one piece up to this length, since a fit holds tens of kilobytes for each instant: a
@@ -110,23 +113,6 @@ const AHEAD_S: f64 = 1.0;
 pub const OUTPUT_ERROR: &str = "oe";
 /// See [`OUTPUT_ERROR`].
 pub const FILTER_ERROR: &str = "fe";
-
-/// Two estimates of the same parameters.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Comparison {
-    /// Names of the estimators, as in [`FlightFits::named`].
-    pub between: (String, String),
-    /// What was compared.
-    pub parameters: Vec<String>,
-    /// The test.
-    pub test: Disagreement,
-}
-
-struct NamedEstimates {
-    estimator: &'static str,
-    names: Vec<String>,
-    estimates: Estimates,
-}
 
 impl FlightFits {
     /// Fits the default model of a vehicle ([`FlightModel::new`]) to the poses, by output error and by filter
@@ -184,25 +170,27 @@ impl FlightFits {
         let fit = |estimate: Estimate, measured: &Measurements| {
             with_clock(&model, options.clock, |model| estimate(model, inputs, measured, &defaults))
         };
-        let (poses, filter, image) = std::thread::scope(|scope| {
+        let free = OutputErrorOptions { initial: InitialStates::Free, ..defaults };
+        let ask =
+            || with_clock(&model, options.clock, |model| terms_asked_for(model, inputs, &states, &free));
+        let (poses, filter, image, asked_for) = std::thread::scope(|scope| {
             let image = images.filter(|_| options.fits.output_error).map(|images| {
                 scope.spawn(move || fit(output_error, &sensed(images.measurements(options)?)?))
             });
+            let asked_for = (options.fits == MotionFits::default()).then(|| scope.spawn(ask));
             let filter = options.fits.filter_error.then(|| scope.spawn(|| fit(filter_error, &states)));
             let poses = match found {
                 Some(found) => Some(Ok(found.into_fit())),
                 None => options.fits.output_error.then(|| fit(output_error, &states)),
             };
-            (poses, filter.and_then(|f| f.join().ok()), image.and_then(|handle| handle.join().ok()))
+            (poses, joined(filter), joined(image), joined(asked_for))
         });
+        let held_out = HeldOut { model: &model, inputs, poses: out };
         let mut kept = |what: &str, fit: Result<OutputErrorFit, IdentifyError>| {
             let mut fit = fit.map_err(|why| refusals.push(format!("No {what}: {why}"))).ok()?;
             if options.held_out_s.is_some() {
-                let mut refused = |why| refusals.push(format!("No prediction by {what}: {why}"));
-                fit.held_out = predict_poses(&model, &fit, inputs, &out).map_err(&mut refused).ok();
-                let states = StateMeasurement::of_poses(out.iter());
-                let ahead = predict_ahead(&model, &fit, inputs, &states, AHEAD_S);
-                fit.ahead = ahead.map_err(refused).ok().flatten();
+                let why = held_out.predict_by(&mut fit);
+                refusals.extend(why.into_iter().map(|why| format!("No prediction by {what}: {why}")));
             }
             Some(fit)
         };
@@ -213,11 +201,9 @@ impl FlightFits {
         let rows = (0..own.times_s().len()).map(|k| own.row(k));
         let equation_over_motion = model.model().equation_over_motion(model.values(), rows);
         let held = model.held();
-        let mut out = Self { poses, filter, image, held, refusals, stretch_s, equation_over_motion };
-        let free = OutputErrorOptions { initial: InitialStates::Free, ..defaults };
-        out.doubt(|| {
-            with_clock(&model, options.clock, |model| terms_asked_for(model, inputs, &states, &free))
-        });
+        let mut out =
+            Self { poses, filter, image, held, refusals, stretch_s, equation_over_motion, ..Self::default() };
+        out.doubt(asked_for);
         Ok(out)
     }
 
@@ -226,30 +212,6 @@ impl FlightFits {
         [(OUTPUT_ERROR, &self.poses), (FILTER_ERROR, &self.filter), ("image", &self.image)]
             .into_iter()
             .filter_map(|(name, fit)| Some((name, fit.as_ref()?)))
-    }
-
-    /// Whether the estimators disagree: each pair of these fits in all they share, and each with equation
-    /// error by one estimator in what both call by the same name. Filter error is compared with output error
-    /// alone, which it is but for what the model lacks.
-    pub fn comparisons(&self, equation_error: Option<(&Identification, Estimator)>) -> Vec<Comparison> {
-        let mut all: Vec<NamedEstimates> = equation_error
-            .and_then(|(i, e)| of_equations(i, e, &self.equation_over_motion))
-            .into_iter()
-            .collect();
-        all.extend(self.named().map(|(estimator, fit)| NamedEstimates {
-            estimator,
-            names: fit.parameters.iter().map(|p| p.name.clone()).collect(),
-            estimates: Estimates {
-                values: fit.parameters.iter().map(|p| p.value).collect::<Vec<f64>>().into(),
-                covariance: fit.covariance.clone(),
-            },
-        }));
-        let pairs = (0..all.len()).flat_map(|k| (k + 1..all.len()).map(move |l| (k, l)));
-        let is_wanted = |(k, l): &(usize, usize)| {
-            let names = [all[*k].estimator, all[*l].estimator];
-            !names.contains(&FILTER_ERROR) || names.contains(&OUTPUT_ERROR)
-        };
-        pairs.filter(is_wanted).filter_map(|(k, l)| compare(&all[k], &all[l])).collect()
     }
 }
 
@@ -278,6 +240,31 @@ fn with_clock<T>(
             | IdentifyError::FitNotConverged { .. },
         ) => fit(model),
         fitted => fitted,
+    }
+}
+
+/// The result of a thread; none where there was none.
+fn joined<T>(thread: Option<ScopedJoinHandle<'_, T>>) -> Option<T> {
+    thread.and_then(|thread| thread.join().ok())
+}
+
+/// What is held out of the fits of a flight, to be predicted by each.
+struct HeldOut<'a> {
+    model: &'a FlightModel,
+    inputs: &'a InputSeries,
+    poses: Vec<PoseSample>,
+}
+
+impl HeldOut<'_> {
+    /// Lets a fit predict what is held out, all of it and a second ahead; the reasons why it cannot.
+    fn predict_by(&self, fit: &mut OutputErrorFit) -> Vec<IdentifyError> {
+        let mut refusals = Vec::new();
+        let whole = predict_poses(self.model, fit, self.inputs, &self.poses);
+        fit.held_out = whole.map_err(|why| refusals.push(why)).ok();
+        let states = StateMeasurement::of_poses(self.poses.iter());
+        let ahead = predict_ahead(self.model, fit, self.inputs, &states, AHEAD_S);
+        fit.ahead = ahead.map_err(|why| refusals.push(why)).ok().flatten();
+        refusals
     }
 }
 
@@ -328,52 +315,6 @@ impl Images<'_> {
     }
 }
 
-/// As parameters of the equations of motion. Offsets are left out: equation error's stand for the mean of
-/// its window.
-fn of_equations(
-    identification: &Identification,
-    estimator: Estimator,
-    equation_over_motion: &[(String, f64)],
-) -> Option<NamedEstimates> {
-    let (mut names, mut values, mut covariance) = (Vec::new(), Vec::new(), DMatrix::zeros(0, 0));
-    for fit in identification.fits.iter().filter(|f| f.estimator == estimator) {
-        let (mut columns, mut stds) = (Vec::new(), Vec::new());
-        for p in fit.parameters.iter().filter(|p| p.name != "0") {
-            let name = format!("{},{}", fit.output, p.name);
-            let column = fit.diagnostics.columns.iter().position(|c| *c == p.name);
-            let (Some(value), Some(std), Some(column)) = (p.value, p.std, column) else { continue };
-            if let Some((_, scale)) = equation_over_motion.iter().find(|(label, _)| *label == name) {
-                names.push(name);
-                values.push(value / scale);
-                columns.push(column);
-                stds.push(std / scale);
-            }
-        }
-        let (before, stds) = (covariance.nrows(), DVector::from_vec(stds));
-        let correlations = fit.diagnostics.correlations.select_rows(&columns).select_columns(&columns);
-        covariance = covariance.resize(names.len(), names.len(), 0.0);
-        let own = correlations.component_mul(&(&stds * stds.transpose()));
-        covariance.view_mut((before, before), own.shape()).copy_from(&own);
-    }
-    let estimates = Estimates { values: values.into(), covariance };
-    (!names.is_empty()).then_some(NamedEstimates { estimator: estimator.name(), names, estimates })
-}
-
-fn compare(first: &NamedEstimates, second: &NamedEstimates) -> Option<Comparison> {
-    let place = |name: &String| second.names.iter().position(|n| n == name);
-    let shared = first.names.iter().enumerate().filter_map(|(i, name)| Some((i, place(name)?)));
-    let (a, b): (Vec<usize>, Vec<usize>) = shared.unzip();
-    let part = |e: &Estimates, index: &[usize]| Estimates {
-        values: e.values.select_rows(index),
-        covariance: e.covariance.select_rows(index).select_columns(index),
-    };
-    Some(Comparison {
-        between: (first.estimator.to_owned(), second.estimator.to_owned()),
-        parameters: a.iter().map(|i| first.names[*i].clone()).collect(),
-        test: disagreement(&part(&first.estimates, &a), &part(&second.estimates, &b)).ok()?,
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -392,42 +333,6 @@ mod tests {
             estimate: (k % 7 != 0).then(|| estimate(0.1 * k as f64)).ok_or(PoseError::NotMeasured),
         };
         (0..count).map(pose).collect()
-    }
-
-    /// Rotors of a real aircraft seldom hover at one speed: estimators disagreed by a chi-square of 97 000 of
-    /// the same flight.
-    #[test]
-    fn what_a_disc_does_is_the_same_by_the_mean_speed_and_by_its_own() {
-        let vehicle = Vehicle::paper();
-        let row = [205.0, 227.0, 0.0, 0.0];
-        let names: Vec<String> = vehicle.input_columns().iter().map(|n| (*n).to_owned()).collect();
-        let inputs = InputSeries::new(names, vec![0.0, 1.0], [row, row].concat()).expect("inputs");
-        let model = FlightModel::new(&vehicle, &inputs).expect("a model");
-        let of_model = model.model();
-        let dynamics = mavsight_model::Dynamics::new(of_model, model.values(), &[]);
-        let mut evaluation = dynamics.with(&[]);
-        evaluation.set_inputs(&row);
-        let mut force_n = |flapping: &str, angle_rad: f64| {
-            let mut y = vec![0.0; of_model.state_count()];
-            y[3] = 1.0;
-            let place = of_model.states.iter().position(|s| s.name == flapping).expect("a state");
-            y[mavsight_model::RIGID_STATES + place] = angle_rad;
-            let mut rates = y.clone();
-            evaluation.rates(&y, &mut rates);
-            vehicle.mass_kg * rates[7]
-        };
-        let (e, radius_m) = (&vehicle.environment, vehicle.parameters["R"]);
-        let scale_n = 0.5 * e.air_density_kg_m3 * std::f64::consts::PI * radius_m.powi(4) * 216_f64.powi(2);
-        let ratios = of_model.equation_over_motion(model.values(), [row.as_slice()].into_iter());
-        for (name, flapping, gain) in
-            [("C_X,alpha_u", "alpha_f", vehicle.parameters["K_u"]), ("C_X,alpha_l", "alpha_l", 1.0)]
-        {
-            let by_mean = (force_n(flapping, 0.01) - force_n(flapping, -0.01)) / (0.02 * gain * scale_n);
-            let own = model.value(model.parameter(name).expect("a parameter"));
-            let ratio = ratios.iter().find(|(label, _)| label == name).expect("a ratio").1;
-            assert!((by_mean / ratio / own - 1.0).abs() < 1e-9, "{name}");
-            assert!((by_mean / own - 1.0).abs() > 0.05, "{name}: the speeds are unlike");
-        }
     }
 
     #[test]

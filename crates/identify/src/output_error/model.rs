@@ -160,6 +160,13 @@ impl FlightModel {
         self
     }
 
+    /// This model with terms that follow the signals of the flight, fixed at zero ([`Model::with_signal_terms`]).
+    pub(crate) fn with_signal_terms(mut self) -> Self {
+        self.model = Arc::new(self.model.with_signal_terms());
+        self.values.resize(self.model.parameters.len(), 0.0);
+        self
+    }
+
     /// One value.
     pub fn value(&self, parameter: ModelParameter) -> f64 {
         match parameter {

@@ -67,6 +67,8 @@ pub struct TriedTerm {
     pub parameter: ModelParameter,
     /// Name of the parameter.
     pub name: String,
+    /// Its unit; empty where it has none, or none is declared.
+    pub unit: String,
     /// What the model's file says that it would explain.
     pub explains: String,
     /// Its last test; none where it is not distinguished from what is free.
@@ -132,8 +134,10 @@ pub fn search_structure(
     Ok(StructureSearch { fit, model, added, not_added })
 }
 
-/// Candidate terms for which the residuals of output error ask, the strongest first: by score tests over the whole
-/// flight, none of which is followed by a fit. Sensors take no part.
+/// What the residuals of output error ask for, by score tests over the whole flight, none of which is followed by a fit:
+/// the candidate terms of the model's file, and terms that follow one signal of the flight
+/// ([`mavsight_model::Model::with_signal_terms`]) with the lag of the inputs. Of each kind those that pass at the level of 1 % over all of it, the
+/// strongest first. Sensors take no part.
 ///
 /// # Errors
 /// Those of [`super::output_error`].
@@ -142,22 +146,57 @@ pub(super) fn terms_asked_for(
     inputs: &InputSeries,
     measurements: &Measurements,
     options: &OutputErrorOptions,
-) -> Result<Vec<TriedTerm>, IdentifyError> {
-    let mut open = candidates(model);
-    if open.is_empty() {
-        return Ok(open);
-    }
+) -> Result<AskedFor, IdentifyError> {
     let inputs = &model.inputs_of(inputs)?;
-    let solved = solve(model, Recorded { inputs, measurements: measurements.seen() }, options)?;
-    let parameters: Vec<ModelParameter> = open.iter().map(|c| c.parameter).collect();
-    for (term, test) in open.iter_mut().zip(score_tests(solved, &parameters)?) {
+    let mut solved = solve(model, Recorded { inputs, measurements: measurements.seen() }, options)?;
+    let of_file = candidates(model).len();
+    let with_signals = solved.fitter.point.model.clone().with_signal_terms();
+    let mut all = candidates(&with_signals);
+    all.extend(late_inputs(&with_signals));
+    solved.fitter.point.model = with_signals;
+    let parameters: Vec<ModelParameter> = all.iter().map(|c| c.parameter).collect();
+    for (term, test) in all.iter_mut().zip(score_tests(solved, &parameters)?) {
         term.test = test;
     }
+    let signals = passing(all.split_off(of_file));
+    Ok(AskedFor { candidates: passing(all), signals })
+}
+
+/// Inputs that act later than they are recorded, where the fit does not find that by itself.
+fn late_inputs(model: &FlightModel) -> Option<TriedTerm> {
+    let parameter = ModelParameter::InputLag;
+    (!model.free().contains(&parameter)).then(|| TriedTerm {
+        parameter,
+        name: model.name(parameter).to_owned(),
+        unit: model.unit(parameter),
+        explains: "inputs that act later than they are recorded".to_owned(),
+        test: None,
+        reason: NotAdded::NoEvidence,
+    })
+}
+
+/// Terms that pass their score tests.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct AskedFor {
+    /// Candidates of the model's file.
+    pub candidates: Vec<TriedTerm>,
+    /// Forces and moments that follow one signal of the flight, and a lag of the inputs.
+    pub signals: Vec<TriedTerm>,
+}
+
+impl AskedFor {
+    pub(super) fn is_empty(&self) -> bool {
+        self.candidates.is_empty() && self.signals.is_empty()
+    }
+}
+
+/// The terms that pass at the level of all of them together, the strongest first.
+fn passing(mut terms: Vec<TriedTerm>) -> Vec<TriedTerm> {
     let chi_square = |t: &TriedTerm| t.test.map_or(0.0, |test| test.chi_square);
-    let level = LEVEL / open.len() as f64;
-    open.retain(|t| t.test.is_some_and(|test| test.p_value <= level));
-    open.sort_by(|a, b| chi_square(b).total_cmp(&chi_square(a)));
-    Ok(open)
+    let level = LEVEL / terms.len() as f64;
+    terms.retain(|t| t.test.is_some_and(|test| test.p_value <= level));
+    terms.sort_by(|a, b| chi_square(b).total_cmp(&chi_square(a)));
+    terms
 }
 
 /// What a search has come to.
@@ -273,7 +312,15 @@ fn candidates(model: &FlightModel) -> Vec<TriedTerm> {
     let open = all.filter_map(|(k, p)| {
         let (parameter, explains) = (ModelParameter::Parameter(k), p.candidate.clone()?);
         let (name, test, reason) = (p.label.clone(), None, NotAdded::NoEvidence);
-        (!model.free().contains(&parameter)).then_some(TriedTerm { parameter, name, explains, test, reason })
+        let unit = model.unit(parameter);
+        (!model.free().contains(&parameter)).then_some(TriedTerm {
+            parameter,
+            name,
+            unit,
+            explains,
+            test,
+            reason,
+        })
     });
     open.collect()
 }

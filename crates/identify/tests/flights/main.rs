@@ -86,6 +86,35 @@ fn the_papers_manoeuvre_determines_flapping_but_not_thrust() {
     assert!((hover.value / c.cz_hover - 1.0).abs() < 1e-6, "{}", hover.value);
 }
 
+/// Where poses are as uncertain as the flight is quiet, total least squares may end further from what was measured than
+/// the mean is: intervals of such fits missed each other by tens of standard deviations.
+#[test]
+fn a_fit_that_is_worse_than_the_mean_determines_nothing() {
+    let quiet = fly(&multisine(&[("delta_lon", 0.02)]), Vehicle::paper());
+    let mut random = Random::new(52, 0);
+    let mut refused = 0;
+    for _ in 0..10 {
+        let motion = quiet.noisy_motion(&mut random);
+        let table =
+            coefficients(&motion, &quiet.inputs, &quiet.vehicle, &Options::default()).expect("a table");
+        let Ok(found) = identify(&table) else { continue };
+        for fit in &found.fits {
+            let (own, left_out) = (fit.diagnostics.fit.r2, fit.diagnostics.predicted_r2);
+            assert_eq!(fit.explains, own >= 0.0 || own >= left_out, "{}", fit.verdict);
+            if fit.explains {
+                continue;
+            }
+            refused += 1;
+            assert!(fit.parameters.iter().all(|p| p.value.is_none() && !p.identifiable), "{}", fit.verdict);
+            assert!(fit.combinations.is_empty(), "{}", fit.verdict);
+            assert!(fit.verdict.starts_with("The model explains nothing of"), "{}", fit.verdict);
+            let least_squares_serves = fit.verdict.contains("Least squares (ols)");
+            assert_eq!(least_squares_serves, left_out > 0.0, "{}", fit.verdict);
+        }
+    }
+    assert!(refused > 0, "no fit was worse than the mean");
+}
+
 #[test]
 fn noise_does_not_change_which_thrusts_are_determined() {
     let longitudinal = ["C_X", "C_Z", "C_m"];

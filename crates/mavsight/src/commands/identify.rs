@@ -1,5 +1,6 @@
 //! Identification by itself, on a table of poses or of motion from any system.
 
+use super::flights::{Fitted, distinct, heading, pool};
 use super::run::require_a_pose;
 use super::stages::beside_other_stages;
 use super::{named, require_folder};
@@ -19,61 +20,136 @@ use mavsight_session::{
     tables::{read_inputs, read_sensors},
     write_results,
 };
+use std::path::{Path, PathBuf};
 
 pub(crate) fn identify(args: &Identify) -> Result<()> {
     let vehicle = named(load_vehicle(&args.vehicle))?;
     args.out.as_deref().map_or(Ok(()), require_folder)?;
     let options = options(args, &vehicle)?;
     let vehicle = options.table.equations.as_ref().map_or(vehicle.clone(), |file| file.vehicle(&vehicle));
-    let inputs = named(read_inputs(&args.inputs, &vehicle))?;
-    let sensors =
-        args.sensors.as_deref().map(|path| named(read_sensors(path, &vehicle.model))).transpose()?;
+    let flights = recorded_flights(args, &vehicle)?;
+    let bars = Bars::new();
+    let one = |flight: Recorded, session: String, out: Option<&Path>| {
+        let inputs = named(read_inputs(&flight.inputs, &vehicle))?;
+        let sensors =
+            flight.sensors.as_deref().map(|path| named(read_sensors(path, &vehicle.model))).transpose()?;
+        let of = Flight {
+            name: &vehicle.name,
+            vehicle: &vehicle,
+            inputs: Some(&inputs),
+            sensors: sensors.as_ref(),
+            options: options.clone(),
+        };
+        identify_one(flight.table, session, &of, out, &bars)
+    };
+    let names = distinct(flights.iter().map(|f| f.name.clone()).collect());
+    if names.len() == 1 {
+        let session = session_of(args).unwrap_or_else(|| vehicle.name.clone());
+        let measured = flights.into_iter().map(|flight| one(flight, session.clone(), args.out.as_deref()));
+        let results = measured.collect::<Result<Vec<RunResults>>>()?;
+        bars.done();
+        return results.first().map_or(Ok(()), require_a_pose);
+    }
+    let mut fitted = Vec::new();
+    for (flight, name) in flights.into_iter().zip(&names) {
+        heading(name)?;
+        let out = args.out.as_ref().map(|out| out.join(name));
+        fitted.push(Fitted::of(one(flight, name.clone(), out.as_deref())?));
+    }
+    bars.done();
+    pool(&vehicle.name, &names, &fitted, args.out.as_deref())
+}
+
+/// What was recorded of a flight, or of a part of one.
+struct Recorded {
+    name: String,
+    table: FlightTable,
+    inputs: PathBuf,
+    sensors: Option<PathBuf>,
+}
+
+fn recorded_flights(args: &Identify, vehicle: &Vehicle) -> Result<Vec<Recorded>> {
     let marker_names: Vec<String> = vehicle.marker.iter().map(|m| m.name.clone()).collect();
-    let table = named(read_flight_table(&args.table, &marker_names))?;
+    let (inputs, sensors) =
+        (for_each(args, "--inputs", &args.inputs)?, for_each(args, "--sensors", &args.sensors)?);
     let only_output_error =
         !args.estimator.is_empty() && args.estimator.iter().all(|name| name == OUTPUT_ERROR);
-    if only_output_error && matches!(table, FlightTable::Motion(_)) {
-        let what = "--estimator oe: output error fits poses, and this is a table of motion; give it pose.csv";
-        return Err(WrongCall(what.into()).into());
+    let mut flights = Vec::new();
+    for (k, path) in args.tables.iter().enumerate() {
+        let table = named(read_flight_table(path, &marker_names))?;
+        if only_output_error && matches!(table, FlightTable::Motion(_)) {
+            let what =
+                "--estimator oe: output error fits poses, and this is a table of motion; give it pose.csv";
+            return Err(WrongCall(what.into()).into());
+        }
+        let (inputs, sensors) = (inputs[k].clone(), sensors.get(k).cloned());
+        let name = path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
+        let Some(parts) = args.parts else {
+            flights.push(Recorded { name, table, inputs, sensors });
+            continue;
+        };
+        flights.extend(table.parts(parts as usize).into_iter().enumerate().map(|(part, table)| Recorded {
+            name: format!("{name}-part-{}", part + 1),
+            table,
+            inputs: inputs.clone(),
+            sensors: sensors.clone(),
+        }));
     }
-    let bars = Bars::new();
-    let session = session_of(args).unwrap_or_else(|| vehicle.name.clone());
+    Ok(flights)
+}
+
+/// The file of each table: that of its own, or one that is for all.
+fn for_each(args: &Identify, what: &str, files: &[PathBuf]) -> Result<Vec<PathBuf>, WrongCall> {
+    match (files, args.tables.len()) {
+        ([one], count) => Ok(vec![one.clone(); count]),
+        (files, count) if files.is_empty() || files.len() == count => Ok(files.to_vec()),
+        (files, count) => Err(WrongCall(format!(
+            "{what}: {} files for {count} tables; give one, or one for each, with commas between them",
+            files.len()
+        ))),
+    }
+}
+
+fn identify_one(
+    table: FlightTable,
+    session: String,
+    flight: &Flight<'_>,
+    out: Option<&Path>,
+    bars: &Bars,
+) -> Result<RunResults> {
+    let marker_names = flight.vehicle.marker.iter().map(|m| m.name.clone()).collect();
     let mut results = RunResults { session, marker_names, ..RunResults::default() };
-    let flight = Flight {
-        name: &vehicle.name,
-        vehicle: &vehicle,
-        inputs: Some(&inputs),
-        sensors: sensors.as_ref(),
-        options,
-    };
     match table {
         FlightTable::Poses(poses) => {
             results.poses = poses;
-            identify_from_poses(&mut results, &flight, &bars)?
+            identify_from_poses(&mut results, flight, bars)?
         }
-        FlightTable::Motion(motion) => identify_from_motion(&mut results, motion, &flight, &bars)?,
+        FlightTable::Motion(motion) => identify_from_motion(&mut results, motion, flight, bars)?,
     }
-    bars.done();
     let summary = Summary::of(&results, None);
     out!("{}{}", summary.text(), parameter_text(&results));
-    let has_pose = require_a_pose(&results);
-    if let Some(out) = &args.out {
+    if let Some(out) = out {
         results.summary = beside_other_stages(out, &results.session, summary.json());
-        // The table came from a file of the caller's, perhaps in this folder: it is not written again.
-        if results.poses.is_empty() {
-            results.motion = None;
-        }
-        results.poses.clear();
-        write_results(out, &results)?;
+        write_identified(out, &mut results)?;
         outln!("\nResults: {}", out.display());
     }
-    has_pose
+    Ok(results)
+}
+
+/// Writes the results without the table from which they came, which is a file of the caller's, perhaps in this folder.
+fn write_identified(out: &Path, results: &mut RunResults) -> Result<()> {
+    let poses = std::mem::take(&mut results.poses);
+    let motion = if poses.is_empty() { results.motion.take() } else { None };
+    write_results(out, results)?;
+    results.poses = poses;
+    results.motion = results.motion.take().or(motion);
+    Ok(())
 }
 
 /// The session whose results the table lies among, if these go to the same folder.
 fn session_of(args: &Identify) -> Option<String> {
     let out = args.out.as_ref()?.canonicalize().ok()?;
-    let among = args.table.canonicalize().ok()?.parent()? == out;
+    let among = args.tables.first()?.canonicalize().ok()?.parent()? == out;
     let summary = among.then(|| read_summary(&out.join(names::SUMMARY)).ok())??;
     summary["session"].as_str().map(str::to_owned)
 }

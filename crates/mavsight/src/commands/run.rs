@@ -1,5 +1,6 @@
 //! The whole pipeline on a recorded session.
 
+use super::flights::{Fitted, distinct, heading, pool};
 use super::{named, require_folder};
 use crate::cli::Run;
 use crate::out::{out, outln};
@@ -13,23 +14,38 @@ use mavsight_simulator::FlightState;
 use std::path::Path;
 
 pub(crate) fn run(args: &Run) -> Result<()> {
-    let session = named(Session::load(&args.session))?;
     require_folder(&args.out)?;
-    let (inputs, truth) = (recorded_inputs(&session)?, named(truth_of(&session))?);
+    if let [session] = args.sessions.as_slice() {
+        return run_one(args, &named(Session::load(session))?, &args.out).map(drop);
+    }
+    let sessions = args.sessions.iter().map(|path| named(Session::load(path))).collect::<Result<Vec<_>>>()?;
+    let names = distinct(sessions.iter().map(|s| s.file.name.clone()).collect());
+    let mut fitted = Vec::new();
+    for (session, name) in sessions.iter().zip(&names) {
+        heading(name)?;
+        fitted.push(Fitted::of(run_one(args, session, &args.out.join(name))?));
+    }
+    let title = sessions.first().map_or("", |s| s.vehicle.name.as_str());
+    pool(title, &names, &fitted, Some(&args.out))
+}
+
+fn run_one(args: &Run, session: &Session, out: &Path) -> Result<RunResults> {
+    require_folder(out)?;
+    let (inputs, truth) = (recorded_inputs(session)?, named(truth_of(session))?);
     let bars = Bars::new();
     // Before the run: decoding needs memory that a long flight needs later.
-    let frames = first_frames(&session)?;
+    let frames = first_frames(session)?;
     let options = Options {
         equation_error_only: args.equation_error_only,
         lag_s: args.lag,
         held_out_s: args.hold_out,
         search: args.search,
-        results_folder: Some(&args.out),
+        results_folder: Some(out),
     };
-    let mut results = mavsight_engine::run(&session, &options, &bars)?;
+    let mut results = mavsight_engine::run(session, &options, &bars)?;
     let mut scores = truth.as_deref().map(|t| scores_of(&results, t));
     if let (Some(scores), Some(truth), Some(visible)) =
-        (scores.as_mut(), truth.as_deref(), named(visibility_of(&session))?)
+        (scores.as_mut(), truth.as_deref(), named(visibility_of(session))?)
     {
         let markers = super::demo::markers_of(&session.vehicle);
         scores.identity = Some(score_identity(&results.poses, truth, &markers, &visible));
@@ -41,7 +57,8 @@ pub(crate) fn run(args: &Run) -> Result<()> {
         truth: truth.as_deref(),
         frames: &frames,
     };
-    finish(&mut results, scores.as_ref(), &report, &args.out)
+    finish(&mut results, scores.as_ref(), &report, out)?;
+    Ok(results)
 }
 
 pub(crate) fn scores_of(results: &RunResults, truth: &[FlightState]) -> Scores {

@@ -53,6 +53,20 @@ pub(super) const BODY: [&str; 9] =
 pub(super) const PARAMETERS: [&str; 8] =
     ["estimator", "output", "parameter", "value", "std", "ci_low", "ci_high", "identifiable"];
 
+pub(super) const POOLED: [&str; 11] = [
+    "estimator",
+    "output",
+    "parameter",
+    "flights",
+    "mean",
+    "std",
+    "ci_low",
+    "ci_high",
+    "between_flights_std",
+    "chi_square",
+    "p_value",
+];
+
 pub(crate) fn value((quantity, unit): Quantity) -> String {
     format!("{quantity}_{unit}")
 }

@@ -21,6 +21,45 @@ pub enum FlightTable {
     Motion(Motion),
 }
 
+impl FlightTable {
+    /// The table in parts of one duration, in the order of time; parts without a row are left out.
+    #[must_use]
+    pub fn parts(&self, count: usize) -> Vec<Self> {
+        let times_ns: Vec<i64> = match self {
+            Self::Poses(poses) => poses.iter().map(|p| p.t_ns).collect(),
+            Self::Motion(motion) => motion.samples.iter().map(|s| s.t_ns).collect(),
+        };
+        let Some((begin_ns, end_ns)) = times_ns.first().copied().zip(times_ns.last().copied()) else {
+            return Vec::new();
+        };
+        let edge_ns =
+            |part: usize| begin_ns + (i128::from(end_ns - begin_ns) * part as i128 / count as i128) as i64;
+        let parts = (0..count).map(|part| {
+            let until_ns = if part + 1 == count { i64::MAX } else { edge_ns(part + 1) };
+            let own = edge_ns(part)..until_ns;
+            match self {
+                Self::Poses(poses) => {
+                    Self::Poses(poses.iter().filter(|p| own.contains(&p.t_ns)).cloned().collect())
+                }
+                Self::Motion(motion) => Self::Motion(Motion {
+                    samples: motion.samples.iter().filter(|s| own.contains(&s.t_ns)).cloned().collect(),
+                    unknown_ns: motion.unknown_ns.iter().copied().filter(|t_ns| own.contains(t_ns)).collect(),
+                    doubts: motion.doubts.clone(),
+                    ..*motion
+                }),
+            }
+        });
+        parts.filter(|part| !part.is_empty()).collect()
+    }
+
+    fn is_empty(&self) -> bool {
+        match self {
+            Self::Poses(poses) => poses.is_empty(),
+            Self::Motion(motion) => motion.samples.is_empty(),
+        }
+    }
+}
+
 /// Reads a table as motion where it has every column of `motion.csv` except the `_std` ones, else as poses.
 /// Rows of poses that are missing altogether, where times are more than one and a half usual intervals apart,
 /// become rows that were not measured, as long as they are fewer than those that there are.

@@ -5,7 +5,7 @@ use crate::files::{PartFile, json_text};
 use crate::table::csv_lines;
 use crate::{SessionError, make_folder, s_from_ns};
 use mavsight_geometry::{EulerAngles, Isometry3};
-use mavsight_identify::CoefficientTable;
+use mavsight_identify::{CoefficientTable, Pooled, PooledParameter};
 use mavsight_pose::{MarkerObservation, Motion, MotionSample, Observations, PoseSample, euler_std};
 use std::io::{self, Write};
 use std::path::Path;
@@ -40,6 +40,29 @@ pub fn write_results(folder: &Path, results: &RunResults) -> Result<(), SessionE
 /// What the file system refuses.
 pub fn write_markers(path: &Path, results: &RunResults) -> Result<(), SessionError> {
     PartFile::write(path, |out| markers(results.markers.iter().cloned(), results, out))?.keep()
+}
+
+/// Writes `pooled.csv`: parameters over several flights, into a folder that is made where it is missing.
+///
+/// # Errors
+/// A folder that is a file, or what the file system refuses.
+pub fn write_pooled(folder: &Path, parameters: &[PooledParameter]) -> Result<(), SessionError> {
+    make_folder(folder)?;
+    PartFile::write(&folder.join(names::POOLED), |out| pooled(parameters, out))?.keep()
+}
+
+fn pooled(parameters: &[PooledParameter], out: &mut dyn Write) -> io::Result<()> {
+    let mut lines = csv_lines(out, columns::POOLED)?;
+    for p in parameters {
+        let Pooled { mean, std, ci_low, ci_high, between_std, heterogeneity } = p.pooled;
+        let names = split_names(&p.estimator, &p.name).map(str::to_owned);
+        let count = p.flights.len().to_string();
+        let figures =
+            [mean, std, ci_low, ci_high, between_std, heterogeneity.chi_square, heterogeneity.p_value]
+                .map(number);
+        lines.write_record(names.into_iter().chain([count]).chain(figures))?;
+    }
+    lines.flush()
 }
 
 /// A file that is written and waits next to its place until [`write_results`] puts it there; it is taken away
@@ -245,20 +268,24 @@ fn parameters(results: &RunResults, out: &mut dyn Write) -> io::Result<()> {
     }
     for (estimator, fit) in results.output_error.named() {
         for p in &fit.parameters {
-            line(names(estimator, &p.name), [p.value, p.std, p.ci_low, p.ci_high].map(Some), p.identifiable)?;
+            line(
+                split_names(estimator, &p.name),
+                [p.value, p.std, p.ci_low, p.ci_high].map(Some),
+                p.identifiable,
+            )?;
         }
         for d in &fit.derived {
             line([estimator, "", &d.name], [d.value, d.std, d.ci_low, d.ci_high].map(Some), true)?;
         }
         for parameter in &results.output_error.held {
-            line(names(estimator, parameter), [None; 4], false)?;
+            line(split_names(estimator, parameter), [None; 4], false)?;
         }
     }
     lines.flush()
 }
 
 /// Estimator, output and parameter of a label such as `C_X,alpha_u`; times and the lag are of no output.
-fn names<'a>(estimator: &'a str, label: &'a str) -> [&'a str; 3] {
+fn split_names<'a>(estimator: &'a str, label: &'a str) -> [&'a str; 3] {
     let (output, parameter) = label.split_once(',').unwrap_or(("", label));
     [estimator, output, parameter]
 }
