@@ -243,7 +243,7 @@ fn all(campaign: &Campaign, flights: usize, fault: Option<Fault>) -> Vec<Option<
     (0..flights).map(|flight| shares[flight % THREADS].next().flatten()).collect()
 }
 
-/// Whether a reader is told: output error is refused, or the model is said to lack something.
+/// Whether the fits say so: output error is refused, or the model is said to lack something.
 fn is_raised(fits: &FlightFits) -> bool {
     fits.poses.is_none() || fits.adequacy.lacks_something()
 }

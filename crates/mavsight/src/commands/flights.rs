@@ -21,7 +21,7 @@ impl Fitted {
     }
 }
 
-/// Names that can be told from each other: those that are there twice get a number.
+/// Names that all differ: those that are there twice get a number.
 pub(crate) fn distinct(names: Vec<String>) -> Vec<String> {
     let is_alone = |name: &String| names.iter().filter(|other| *other == name).count() == 1;
     let own = names.iter().enumerate();
