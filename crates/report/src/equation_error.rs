@@ -82,7 +82,7 @@ pub(crate) fn tables(results: &RunResults) -> Vec<Table> {
     let parameters = estimators.into_iter().map(|estimator| {
         let fits = identification.fits.iter().filter(|f| f.estimator == estimator);
         let title = format!("Table 3, {}", words(estimator.name()));
-        parameter_table(&title, fits.flat_map(equation_rows).collect())
+        parameter_table(&title, estimator.name(), fits.flat_map(equation_rows).collect())
     });
     parameters.chain(lead_fits(identification).map(separation)).collect()
 }

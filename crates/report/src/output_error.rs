@@ -159,6 +159,6 @@ pub(crate) fn tables(results: &RunResults) -> Vec<Table> {
     let caption = "Estimators side by side: value ± standard deviation. Equation error takes the flapping times from the \
                    vehicle file, output error finds them.";
     let side_by_side = Table::new(caption, row("parameter", names.map(words)), rows.collect());
-    let each = fits.iter().map(|(name, fit)| parameter_table(words(name), motion_rows(fit).collect()));
+    let each = fits.iter().map(|(name, fit)| parameter_table(words(name), name, motion_rows(fit).collect()));
     std::iter::once(side_by_side).chain(each).collect()
 }

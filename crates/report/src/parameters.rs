@@ -33,9 +33,24 @@ pub(crate) fn with_unit(p: &FittedParameter) -> String {
     if p.unit.is_empty() { p.name.clone() } else { format!("{}, {}", p.name, p.unit) }
 }
 
-/// A table of rows from [`equation_rows`] or [`motion_rows`].
-pub(crate) fn parameter_table(of: &str, rows: Vec<Vec<String>>) -> Table {
-    let caption = format!("{of}: parameters with standard deviation and 95 % interval.");
+/// Which errors the intervals of an estimator cover.
+fn covered(estimator: &str) -> &'static str {
+    match estimator {
+        OUTPUT_ERROR => {
+            "of errors of the poses; of what the model lacks only as far as the residuals show it"
+        }
+        FILTER_ERROR => "of errors of the poses, and of what the model lacks as far as that is white noise",
+        "image" => {
+            "of errors of the image, the cameras and the markers; of what the model lacks only as far as the residuals show it"
+        }
+        _ => "of errors of the motion; of what the equation lacks only as far as the residuals show it",
+    }
+}
+
+/// A table of an estimator's rows from [`equation_rows`] or [`motion_rows`].
+pub(crate) fn parameter_table(of: &str, estimator: &str, rows: Vec<Vec<String>>) -> Table {
+    let caption =
+        format!("{of}: parameters with standard deviation and 95 % interval, {}.", covered(estimator));
     Table::new(caption, ["parameter", "value", "std", "95 % from", "to", "verdict"], rows)
 }
 

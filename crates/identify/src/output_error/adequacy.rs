@@ -2,6 +2,7 @@
 
 use super::Disagreement;
 use super::flight::{FILTER_ERROR, FlightFits, OUTPUT_ERROR};
+use super::model::ModelParameter;
 use super::structure::{AskedFor, ScoreTest, TriedTerm};
 use crate::IdentifyError;
 
@@ -23,6 +24,13 @@ impl Adequacy {
     pub fn lacks_something(&self) -> bool {
         let asks = self.asked_for.as_ref().is_some_and(|asked| asked.as_ref().is_ok_and(|a| !a.is_empty()));
         self.contradiction.is_some() || asks
+    }
+
+    /// Inputs that act late, where the residuals ask for that most of all: the term that filter error, whose process noise
+    /// is white, cannot allow for.
+    fn late_inputs(&self) -> Option<&TriedTerm> {
+        let asked = self.asked_for.as_ref()?.as_ref().ok()?;
+        asked.signals.first().filter(|term| term.parameter == ModelParameter::InputLag)
     }
 
     /// What a reader should know, in sentences.
@@ -49,7 +57,7 @@ impl FlightFits {
     /// Looks for what speaks against the model, and says so in the notes of output error.
     ///
     /// Where filter error contradicts output error, output error has taken what the model lacks for its parameters, and
-    /// none of them is determined.
+    /// none of them is determined. Where the residuals ask most for inputs that act late, none of filter error is either.
     pub(super) fn doubt(&mut self, asked_for: Option<Result<AskedFor, IdentifyError>>) {
         let pair = (OUTPUT_ERROR.to_owned(), FILTER_ERROR.to_owned());
         let all = self.comparisons(None);
@@ -57,9 +65,24 @@ impl FlightFits {
         self.adequacy = Adequacy { contradiction: apart.map(|c| c.test), asked_for };
         let words = self.adequacy.words();
         let is_contradicted = self.adequacy.contradiction.is_some();
+        let late = self.adequacy.late_inputs().map(|term| {
+            format!(
+                "Do not use its parameters: {} ({}); leave the lag free (without --lag).",
+                term.explains,
+                term.test.map_or(String::new(), |t| format!(
+                    "about {:.1} ms, chi-square {:.0}",
+                    1e3 * t.step,
+                    t.chi_square
+                ))
+            )
+        });
         for fit in [&mut self.poses, &mut self.image].into_iter().flatten() {
-            fit.parameters.iter_mut().for_each(|p| p.identifiable &= !is_contradicted);
+            fit.parameters.iter_mut().for_each(|p| p.identifiable &= !is_contradicted && late.is_none());
             fit.notes.splice(0..0, words.iter().cloned());
+        }
+        if let (Some(late), Some(filter)) = (late, &mut self.filter) {
+            filter.parameters.iter_mut().for_each(|p| p.identifiable = false);
+            filter.notes.insert(0, late);
         }
     }
 }

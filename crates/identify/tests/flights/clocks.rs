@@ -1,7 +1,8 @@
 //! Clocks that differ between inputs and motion.
 
-use crate::aircraft::{Flown, fly, longitudinal_multisine};
+use crate::aircraft::{Flown, fly, longitudinal_multisine, multisine};
 use mavsight_flight::{InputSeries, Vehicle};
+use mavsight_identify::output_error::{FlightFitOptions, FlightFits, InputClock};
 use mavsight_identify::{Clocks, IdentifyError, Options, delayed, estimate_lag};
 use mavsight_random::Random;
 use mavsight_simulator::Scenario;
@@ -69,4 +70,26 @@ fn ends_are_held_where_a_shift_uncovers_them() {
         assert_eq!(moved.names(), flown.inputs.names());
     }
     assert!(matches!(delayed(&flown.inputs, f64::NAN), Err(IdentifyError::BadSetting { .. })));
+}
+
+/// White process noise cannot stand for inputs that all act late: filter error was wrong by tens of standard deviations.
+#[test]
+fn inputs_that_act_late_by_a_clock_that_counts_as_known_leave_nothing_determined() {
+    let flown = fly(&multisine(&[("delta_lon", 2.0), ("delta_lat", 2.0)]), Vehicle::paper());
+    let poses = flown.poses(0.5e-3, 1e-3, &mut Random::new(53, 0));
+    let fits = |recorded: &InputSeries, clock| {
+        let options = FlightFitOptions { clock, ..FlightFitOptions::default() };
+        FlightFits::of_flight(&flown.vehicle, recorded, &poses, None, &options).expect("fits")
+    };
+    let determined = |fits: &FlightFits| {
+        let all = [&fits.poses, &fits.filter].into_iter().flatten();
+        all.flat_map(|f| &f.parameters).filter(|p| p.identifiable).count()
+    };
+    let early = delayed(&flown.inputs, -0.02).expect("inputs");
+    let known = fits(&early, InputClock::Known);
+    assert_eq!(determined(&known), 0);
+    let notes = &known.filter.as_ref().expect("a fit").notes;
+    assert!(notes[0].contains("inputs that act later than they are recorded (about"), "{notes:?}");
+    assert!(determined(&fits(&early, InputClock::Free)) > 10);
+    assert!(determined(&fits(&flown.inputs, InputClock::Known)) > 10);
 }
