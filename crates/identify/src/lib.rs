@@ -5,6 +5,7 @@
 //! 3 of Mulyanto, Nurhakim, Muhammad (2012) with both thrusts: each of C_X, C_Z and C_m is linear in 1,
 //! alpha_u, alpha_l, q, delta_lon, T_u and T_l; and C_Y, C_l and C_n likewise.
 
+mod blocks;
 mod coloured;
 mod dependence;
 mod diagnostics;

@@ -1,5 +1,6 @@
 //! Equation error: the regression of each output by each estimator.
 
+use crate::blocks::widened;
 use crate::coloured::{Coloured, ResidualErrors, coloured};
 use crate::dependence::Dependence;
 use crate::diagnostics::{agreement, autocorrelations, collinearity, correlations, press};
@@ -194,7 +195,8 @@ impl<'a> Regression<'a> {
         scaled.column_iter_mut().for_each(|mut c| c.component_div_assign(std));
         let known = coloured(&scaled, bread, &residuals, &errors);
         let degrees = (self.rows.len() - values.len()) as f64;
-        Solved { values, errors: known.unwrap_or(Coloured { covariance, degrees }) }
+        let known = known.unwrap_or(Coloured { covariance, degrees });
+        Solved { values, errors: widened(known, &scaled, bread, &residuals, self.lag) }
     }
 
     /// Error covariance of the independent columns and the output at an instant; where none is known, of the
