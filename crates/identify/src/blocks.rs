@@ -1,26 +1,29 @@
 //! Whether estimates vary from block to block of a flight by more than their covariance says.
 
-use crate::coloured::Coloured;
+use crate::coloured::{Coloured, ResidualErrors};
 use crate::output_error::chi_square_tail;
 use nalgebra::{DMatrix, DVector};
+use std::ops::Range;
 
 /// Blocks of a flight: with fewer, their scatter says little; with more, what is wrong over seconds averages out in none.
 const BLOCKS: usize = 8;
 /// Chance, over all parameters of a fit, that a covariance is widened which is right.
 const LEVEL: f64 = 0.01;
 
-/// Widens the covariance of estimates x = B Xᵀ y where the scores Xᵀr of blocks of rows scatter by more than it says.
+/// Widens the covariance of estimates x = B Xᵀ y where the scores Xᵀr of blocks of rows scatter by more than errors of
+/// the known colour would make them.
 ///
-/// The sum over eight blocks is the middle of a sandwich (Liang & Zeger 1986) that needs no model of how residuals are
-/// correlated within a block: where a model lacks something, residuals have one sign for seconds. It has few degrees of
-/// freedom, one less than there are blocks, and is used where it exceeds the covariance of the modelled errors at the level
-/// of 1 %, for the parameters that it enlarges. `correlated` is the number of rows over which errors are correlated
-/// all the same; blocks are at least twice as long, and nothing is done where fewer than four fit.
+/// The scatter of the scores of eight blocks needs no model of how residuals are correlated within a block (Liang & Zeger
+/// 1986): where a model lacks something, residuals have one sign for seconds. What it is over what the known colour lets
+/// expect is a chi-square over its degrees of freedom, one less than there are blocks. Where that fails at the level of 1 %,
+/// variances are multiplied by it, for the parameters that it enlarges. `correlated` is the number of rows over which errors
+/// are correlated all the same; blocks are at least twice as long, and nothing is done where fewer than four fit.
 pub(crate) fn widened(
     known: Coloured,
     columns: &DMatrix<f64>,
     bread: &DMatrix<f64>,
-    residuals: &DVector<f64>,
+    scores: &DMatrix<f64>,
+    errors: &ResidualErrors,
     correlated: usize,
 ) -> Coloured {
     let (rows, count) = columns.shape();
@@ -28,18 +31,23 @@ pub(crate) fn widened(
     if blocks < 4 {
         return known;
     }
+    let whole = spread_of(columns, bread, errors, 0..rows);
+    let mut expected = DVector::zeros(count);
     let mut sums = DMatrix::zeros(count, blocks);
-    for (row, residual) in residuals.iter().enumerate() {
-        let mut sum = sums.column_mut(row * blocks / rows);
-        sum += columns.row(row).transpose() * *residual;
+    for block in 0..blocks {
+        let own = block * rows / blocks..(block + 1) * rows / blocks;
+        expected += spread_of(columns, bread, errors, own.clone());
+        sums.set_column(block, &scores.rows(own.start, own.len()).row_sum().transpose());
     }
     // Total least squares leaves a mean score, which is of the regressors' errors.
     let mean = sums.column_mean();
     sums.column_iter_mut().for_each(|mut sum| sum -= &mean);
-    let degrees = (blocks - 1) as f64;
     let moved = bread * sums;
-    let variances = DVector::from_fn(count, |k, _| moved.row(k).norm_squared() * blocks as f64 / degrees);
-    let ratio = |k: usize| variances[k] / known.covariance[(k, k)];
+    let degrees = (blocks - 1) as f64;
+    let ratio = |k: usize| {
+        let level = known.covariance[(k, k)] / whole[k];
+        moved.row(k).norm_squared() * blocks as f64 / (degrees * level * expected[k])
+    };
     let is_beyond = |k: &usize| chi_square_tail(degrees * ratio(*k), blocks - 1) < LEVEL / count as f64;
     if !(0..count).any(|k| is_beyond(&k)) {
         return known;
@@ -47,6 +55,18 @@ pub(crate) fn widened(
     let factors = DVector::from_fn(count, |k, _| ratio(k).max(1.0).sqrt());
     let covariance = known.covariance.component_mul(&(&factors * factors.transpose()));
     Coloured { covariance, degrees: known.degrees.min(degrees) }
+}
+
+/// The variances of B Xᵀ e of the rows of a block, for errors e of the known colour.
+fn spread_of(
+    columns: &DMatrix<f64>,
+    bread: &DMatrix<f64>,
+    errors: &ResidualErrors,
+    own: Range<usize>,
+) -> DVector<f64> {
+    let mut block = DMatrix::zeros(columns.nrows(), columns.ncols());
+    block.rows_mut(own.start, own.len()).copy_from(&columns.rows(own.start, own.len()));
+    (bread * block.tr_mul(&errors.spread(&block)) * bread).diagonal()
 }
 
 #[cfg(test)]
@@ -66,7 +86,10 @@ mod tests {
         let residuals = y - &columns * &values;
         let level = residuals.norm_squared() / (ROWS - 2) as f64;
         let known = Coloured { covariance: &bread * level, degrees: (ROWS - 2) as f64 };
-        let wide = widened(known.clone(), &columns, &bread, &residuals, 5);
+        let white = ResidualErrors { gamma: vec![1.0], once: Vec::new() };
+        let mut scores = columns.clone();
+        scores.column_iter_mut().for_each(|mut c| c.component_mul_assign(&residuals));
+        let wide = widened(known.clone(), &columns, &bread, &scores, &white, 5);
         (known, wide, values)
     }
 
@@ -106,9 +129,10 @@ mod tests {
     fn few_rows_are_left_as_they_are() {
         let columns = DMatrix::from_element(20, 1, 1.0);
         let bread = DMatrix::from_element(1, 1, 0.05);
-        let residuals = DVector::from_fn(20, |k, _| if k < 10 { 1.0 } else { -1.0 });
+        let scores = DMatrix::from_fn(20, 1, |k, _| if k < 10 { 1.0 } else { -1.0 });
+        let white = ResidualErrors { gamma: vec![1.0], once: Vec::new() };
         let known = Coloured { covariance: DMatrix::from_element(1, 1, 1e-6), degrees: 19.0 };
-        assert_eq!(widened(known.clone(), &columns, &bread, &residuals, 5), known);
-        assert_ne!(widened(known.clone(), &columns, &bread, &residuals, 1), known);
+        assert_eq!(widened(known.clone(), &columns, &bread, &scores, &white, 5), known);
+        assert_ne!(widened(known.clone(), &columns, &bread, &scores, &white, 1), known);
     }
 }

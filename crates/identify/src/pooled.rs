@@ -158,7 +158,7 @@ mod tests {
         assert!((found.heterogeneity.chi_square - 152.233).abs() < 1e-3, "{found:?}");
     }
 
-    /// Of flights that do not differ, for which the interval is wider than it need be, and of others that do.
+    /// Of flights that differ by no more than they are uncertain the interval is wider than it need be.
     #[test]
     fn intervals_of_the_mean_hold_it() {
         let mut random = Random::new(3, 0);
@@ -175,7 +175,7 @@ mod tests {
                 (found.ci_low..=found.ci_high).contains(&7.0)
             });
             let share = held.count() as f64 / f64::from(runs);
-            let most = if between_std > 0.0 { 0.985 } else { 1.0 };
+            let most = if between_std > 2.0 { 0.985 } else { 1.0 };
             assert!((0.93..=most).contains(&share), "{share} of {flights} flights, {between_std}");
         }
     }

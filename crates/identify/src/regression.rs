@@ -195,8 +195,32 @@ impl<'a> Regression<'a> {
         scaled.column_iter_mut().for_each(|mut c| c.component_div_assign(std));
         let known = coloured(&scaled, bread, &residuals, &errors);
         let degrees = (self.rows.len() - values.len()) as f64;
-        let known = known.unwrap_or(Coloured { covariance, degrees });
-        Solved { values, errors: widened(known, &scaled, bread, &residuals, self.lag) }
+        let Some(known) = known else { return Solved { values, errors: Coloured { covariance, degrees } } };
+        let mut scores = self.without_errors(&values);
+        let weighted = residuals.component_div(std);
+        scores.column_iter_mut().for_each(|mut c| c.component_mul_assign(&weighted));
+        Solved { values, errors: widened(known, &scaled, bread, &scores, &errors, self.lag) }
+    }
+
+    /// The independent columns; for total least squares, less what the residuals say of their errors, whose products with
+    /// the residuals are then zero on average (Fuller 1987, equation 1.2.20).
+    fn without_errors(&self, values: &DVector<f64>) -> DMatrix<f64> {
+        let mut out = self.basis.clone();
+        let mean = match self.estimator {
+            Estimator::TotalLeastSquares => Some(self.mean_errors()),
+            Estimator::TotalLeastSquaresByRow => None,
+            _ => return out,
+        };
+        let count = values.len();
+        let weights = (-values).push(1.0);
+        let residuals = &self.y - &self.basis * values;
+        for (k, residual) in residuals.iter().enumerate() {
+            let of_residual = mean.clone().unwrap_or_else(|| self.errors_of(self.rows[k])) * &weights;
+            let share = residual / weights.dot(&of_residual);
+            let mut row = out.row_mut(k);
+            row -= of_residual.rows(0, count).transpose() * share;
+        }
+        out
     }
 
     /// Error covariance of the independent columns and the output at an instant; where none is known, of the
