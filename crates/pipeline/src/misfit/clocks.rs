@@ -10,9 +10,12 @@ use mavsight_pose::{
 /// Rates at which cameras film, frames a second; those of NTSC are a thousandth below.
 const RATES_HZ: [f64; 9] = [15.0, 20.0, 24.0, 25.0, 30.0, 50.0, 60.0, 120.0, 240.0];
 
-/// Part of the instants that two cameras see which clocks have to leave: by clocks that are far off two cameras
-/// share none, and one fits by itself.
+/// Part of the observations of each camera that clocks have to leave at instants that two cameras see: by clocks
+/// that are far off a camera shares none with others, and those fit by themselves.
 const LEAST_SHARED: f64 = 0.7;
+
+/// How well cameras whose clocks are given were started together, where a rate is wrong.
+const STARTED_STD_S: f64 = 0.1;
 
 /// What each camera saw by its own clock.
 #[derive(Debug)]
@@ -107,12 +110,14 @@ impl Evidence<'_> {
         for (k, stream) in streams.iter_mut().enumerate().skip(1) {
             if k == camera || camera == 0 {
                 let clock = CameraClock { drift, ..stream.prior.clock };
-                stream.prior = ClockPrior { clock, ..ClockPrior::unknown() };
+                let offset_std_s = stream.prior.offset_std_s.max(STARTED_STD_S);
+                stream.prior = ClockPrior { clock, offset_std_s, ..ClockPrior::unknown() };
+                stream.interval_s /= 1.0 + drift;
             }
         }
         let shown = estimate_clocks(self.rig, self.markers(), &streams);
         let clocks: Vec<CameraClock> = shown.iter().map(|s| s.clock).collect();
-        let Some(fit) = self.fit_with(evidence, &clocks)? else { return Ok(None) };
+        let Some(fit) = self.fit_with(&ClockEvidence { streams }, &clocks)? else { return Ok(None) };
         let words = format!(
             "with {} at {rate_hz} frames a second, not {:.2} as its time stamps say: correct the rate of the recording, or give \
              frame_rate_hz",
@@ -134,7 +139,11 @@ impl Evidence<'_> {
         let times_ns: Vec<i64> = self.instants.iter().filter_map(|seen| Some(seen.first()?.t_ns)).collect();
         let mut instants = evidence.instants(self.rig, self.markers().len(), &times_ns, clocks);
         instants.retain(|seen| super::is_by_two(seen));
-        let is_enough = instants.len() as f64 >= LEAST_SHARED * self.instants.len() as f64;
+        let of = |all: &[Vec<MarkerObservation>], camera: usize| {
+            all.iter().flatten().filter(|o| o.camera == camera).count() as f64
+        };
+        let keeps = |camera| of(&instants, camera) >= LEAST_SHARED * of(&self.instants, camera);
+        let is_enough = (0..self.rig.cameras.len()).all(keeps);
         if is_enough { self.median_fit(&instants) } else { Ok(None) }
     }
 }
