@@ -1,6 +1,7 @@
 //! From poses to motion and parameters.
 
 use crate::parts::{held_long, longest_without_gap, part_covered, part_without_gap, with_part};
+use crate::weight::mass_in_grams;
 use crate::{EngineError, Flight};
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_identify::output_error::{FlightFitOptions, FlightFits, Images, InputClock, MotionFits};
@@ -59,6 +60,9 @@ pub fn identify_from_motion(
         results.notes.push("No parameters: the session names no inputs.".to_owned());
         return Ok(());
     };
+    let weight = mass_in_grams(&motion, recorded, flight.vehicle);
+    results.notes.extend(weight.iter().map(|finding| finding.note.clone()));
+    results.findings.extend(weight);
     let solved = equation_error(&mut motion, recorded, flight, &mut results.notes, progress);
     results.motion = Some(motion);
     let mut inputs = None;

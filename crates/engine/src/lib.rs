@@ -12,6 +12,7 @@ mod identification;
 mod parts;
 mod solution;
 mod tracking;
+mod weight;
 
 pub use calibration::calibrate;
 pub use error::EngineError;

@@ -77,7 +77,8 @@ impl TrackedFlight {
             camera_clocks: tracked.clocks,
             camera_health: tracked.health,
             centres,
-            notes: tracked.notes,
+            notes: tracked.notes.into_iter().chain(tracked.findings.iter().map(|f| f.note.clone())).collect(),
+            findings: tracked.findings,
             ..RunResults::default()
         };
         (results, tracked.observations)

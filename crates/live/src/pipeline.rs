@@ -2,7 +2,7 @@
 
 use mavsight_flight::Vehicle;
 use mavsight_geometry::Vector2;
-use mavsight_pipeline::{CameraTiming, FlightAssociator, Lookahead, PipelineError, Synchronizer};
+use mavsight_pipeline::{CameraTiming, Finding, FlightAssociator, Lookahead, PipelineError, Synchronizer};
 use mavsight_pose::{Association, CameraClock, MovedCamera, Rig, TrackedDetection};
 
 /// Frames of each camera from which its rate is estimated before anything is joined.
@@ -164,11 +164,11 @@ impl LivePipeline {
         Some((t_ns, (0..self.cameras.len()).filter(move |c| synchronizer.waits_for(*c, t_ns))))
     }
 
-    /// A note if the detections so far fit no pose of the body; `None` before there are enough instants.
+    /// What explains that the detections so far fit no pose of the body; `None` before there are enough instants.
     ///
     /// # Errors
     /// [`PipelineError::MixedUp`] where cameras exchanged, mirrored or turned upside down explain the misfit.
-    pub fn misfit(&self, rig: &Rig) -> Option<Result<Option<String>, PipelineError>> {
+    pub fn misfit(&self, rig: &Rig) -> Option<Result<Vec<Finding>, PipelineError>> {
         self.associator.is_sampled().then(|| self.associator.misfit(rig))
     }
 

@@ -1,11 +1,13 @@
 //! What the trackers of all cameras saw at one instant, as candidates for the vehicle's markers.
 
-use crate::PipelineError;
+use crate::health;
 use crate::markers::{MARKERS_STD_M, MarkerColors, body_markers};
-use crate::mixed_up::{self, ObservationSample};
+use crate::misfit::{self, ClockEvidence, ObservationSample};
 use crate::tracked::Tracked;
-use crate::watch::{CameraWatch, moved_notes};
+use crate::watch::{CameraWatch, standing};
+use crate::{Cause, Finding, PipelineError};
 use mavsight_flight::Vehicle;
+use mavsight_geometry::Vector3;
 use mavsight_pose::{Association, Associator, MovedCamera, PoseEstimator, Rig, TrackedDetection};
 
 /// One instant of a flight: what all cameras saw, and what was made of it.
@@ -45,18 +47,43 @@ impl FlightAssociator {
         let markers = self.colors.len();
         let mut seen = vec![0; watches.len() * markers];
         tracked.observations.iter().for_each(|o| seen[o.camera * markers + o.marker] += 1);
-        for (watch, seen) in watches.into_iter().zip(seen.chunks(markers.max(1))) {
-            let (health, notes) = watch.report(&self.colors, seen);
+        for (camera, (watch, seen)) in watches.into_iter().zip(seen.chunks(markers.max(1))).enumerate() {
+            let (health, findings) = watch.report(camera, &self.colors, seen);
             tracked.health.push(health);
-            tracked.notes.extend(notes);
+            tracked.findings.extend(findings);
         }
-        tracked.notes.extend(moved_notes(rig, self.associator.moved_cameras()));
+        tracked.findings.extend(health::findings(&tracked.health, &self.names()));
+        tracked.findings.extend(self.decoys(rig));
+        let standing = standing(rig, self.associator.moved_cameras(), &tracked.findings);
+        tracked.findings.extend(standing);
+    }
+
+    /// Balls of a marker's colour and size that stand in the room.
+    fn decoys(&self, rig: &Rig) -> Vec<Finding> {
+        let markers = self.associator.estimator().markers();
+        let found = self.sample.unclaimed().balls(rig, markers, &self.colors);
+        let of = |(color, at): (usize, Vector3<f64>)| {
+            let marker =
+                self.colors.iter().position(|c| *c == color).map_or("a marker", |m| markers[m].name.as_str());
+            let note = format!(
+                "A ball of the colour and size of {marker} stands in the room at ({:.2}, {:.2}, {:.2}) m: no pose uses it. Cover it.",
+                at.x, at.y, at.z
+            );
+            Finding::of(Cause::Decoy, None, note)
+        };
+        found.into_iter().map(of).collect()
+    }
+
+    fn names(&self) -> Vec<String> {
+        self.associator.estimator().markers().iter().map(|m| m.name.clone()).collect()
     }
 
     /// Which of the candidates of the next instant are which markers, and the pose they give.
     pub fn associate(&mut self, t_ns: i64, seen: &[TrackedDetection]) -> Association {
-        self.sample.take(t_ns, seen, &self.colors);
-        self.associator.associate(t_ns, seen)
+        let found = self.associator.associate(t_ns, seen);
+        let moved = self.associator.moved_cameras();
+        self.sample.take(seen, &self.colors, &found, |camera| moved.iter().any(|m| m.camera == camera));
+        found
     }
 
     /// Spreads the instants from which [`Self::misfit`] is determined over so many; they are the first
@@ -70,13 +97,22 @@ impl FlightAssociator {
         self.sample.is_full()
     }
 
-    /// A note on observations that fit no pose of the body, if they do not.
+    /// What explains that observations fit no pose of the body; none where they fit.
     ///
     /// # Errors
     /// [`PipelineError::MixedUp`] where recordings or cameras exchanged, mirrored or turned upside down
     /// explain it.
-    pub fn misfit(&self, rig: &Rig) -> Result<Option<String>, PipelineError> {
-        mixed_up::note(self.associator.estimator(), rig, self.sample.observations())
+    pub fn misfit(&self, rig: &Rig) -> Result<Vec<Finding>, PipelineError> {
+        self.misfit_by_clocks(rig, None)
+    }
+
+    /// [`Self::misfit`] with other clocks among what is tried.
+    pub(crate) fn misfit_by_clocks(
+        &self,
+        rig: &Rig,
+        clocks: Option<ClockEvidence>,
+    ) -> Result<Vec<Finding>, PipelineError> {
+        misfit::findings(self.associator.estimator(), rig, &self.sample, clocks)
     }
 
     /// Cameras that were found to be moved; they take no part from then on.

@@ -49,6 +49,8 @@ pub enum PipelineError {
         "what the cameras saw {given} where any pose of the body has it, and lies {instead_px:.2} px from it {mistake}"
     )]
     MixedUp {
+        /// What was done to them.
+        cause: crate::Cause,
         /// How far it lies from there.
         given: String,
         /// The same without the mistake.

@@ -3,7 +3,7 @@
 use crate::markers::body_markers;
 use crate::poses::{pose_at, poses_anew, provisional};
 use crate::tracked::Tracked;
-use crate::{PipelineError, mixed_up};
+use crate::{PipelineError, misfit};
 use mavsight_flight::Vehicle;
 use mavsight_geometry::Isometry3;
 use mavsight_pose::{Association, MarkerObservation, PoseEstimator, Rig, TrackedDetection};
@@ -67,7 +67,6 @@ pub fn reconstruct(
     if all.tracked.poses.is_empty() {
         return Err(PipelineError::NoFrames { camera: "the table of observations".into() });
     }
-    let misfit = mixed_up::note(&all.estimator, rig, &all.tracked.observations)?;
-    all.tracked.notes.extend(misfit);
+    all.tracked.findings = misfit::of_observations(&all.estimator, rig, &all.tracked.observations, None)?;
     all.finish()
 }

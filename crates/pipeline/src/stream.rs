@@ -1,13 +1,17 @@
 //! What one camera saw, by its own clock, and what was wrong with its frames.
 
-use crate::PipelineError;
 use crate::feed::{Clap, usual_interval_ns};
 use crate::markers::MarkerColors;
+use crate::{Cause, Finding, PipelineError};
 use mavsight_geometry::{Matrix2, Vector2};
 use mavsight_pose::{CameraStream, ClockPrior, MarkerObservation, TrackedDetection};
 
 /// Frames further apart than this many intervals have others missing between them.
 const GAP_INTERVALS: f64 = 1.5;
+
+/// Copies in a row from which a camera is frozen: what changes a rate repeats an image once or, from 24 to 60 a
+/// second, twice.
+const FROZEN_COPIES: usize = 4;
 
 /// Faults that are noted one by one; of more, the number.
 const MOST_NOTED: usize = 3;
@@ -266,10 +270,44 @@ impl Stream {
             Some(format!("{name}: {count} frame(s) {what} are left out, the first at {first_s:.3} s{why}."))
         };
         let why = ": the camera or a converter put them in";
-        notes.extend(left_out(copies_ns, "repeat the one before and", why));
+        let frozen = self.frozen_runs();
+        let lone: Vec<i64> = copies_ns
+            .iter()
+            .copied()
+            .filter(|t| !frozen.iter().any(|(from_ns, to_ns, _)| (from_ns..=to_ns).contains(&t)))
+            .collect();
+        notes.extend(left_out(&lone, "repeat the one before and", why));
         notes.extend(left_out(backward_ns, "with a time stamp not after that of the frame before", ""));
         notes.extend(self.gaps());
         notes
+    }
+
+    /// Runs of copies that are too long for a converter's: first and last stamp, and how many.
+    fn frozen_runs(&self) -> Vec<(i64, i64, usize)> {
+        let is_new_between = |from_ns: i64, to_ns: i64| {
+            let next = self.stamps_ns.partition_point(|t| *t <= from_ns);
+            self.stamps_ns.get(next).is_some_and(|t| *t < to_ns)
+        };
+        let runs = self.faults.copies_ns.chunk_by(|a, b| !is_new_between(*a, *b));
+        let long = runs.filter(|run| run.len() >= FROZEN_COPIES);
+        long.filter_map(|run| Some((*run.first()?, *run.last()?, run.len()))).collect()
+    }
+
+    /// That the camera repeated one image for long.
+    pub(crate) fn frozen(&self) -> Option<Finding> {
+        let runs = self.frozen_runs();
+        let (from_ns, to_ns, _) = *runs.first()?;
+        let count: usize = runs.iter().map(|r| r.2).sum();
+        let more =
+            if runs.len() > 1 { format!(", and {} more times", runs.len() - 1) } else { String::new() };
+        let note = format!(
+            "{} froze: it repeats one image from {:.3} s to {:.3} s{more}, {count} frame(s) in all, sample by sample: they are \
+             left out. Check its cable, its bandwidth and its driver.",
+            self.name,
+            from_ns as f64 * 1e-9,
+            to_ns as f64 * 1e-9
+        );
+        Some(Finding::of(Cause::CameraFrozen, Some(self.camera), note))
     }
 
     /// Frames missing between those that came; copies came.
@@ -385,6 +423,27 @@ mod tests {
             note.contains("cam2: 3 frame(s) are missing in 2 places, the first after 0.067 s (2"),
             "{note}"
         );
+    }
+
+    #[test]
+    fn a_long_run_of_copies_is_a_frozen_camera_and_not_a_converters() {
+        let shades = |k: u8| match k {
+            6..=12 => 5,
+            15 => 14,
+            _ => k,
+        };
+        let frozen = stream(&(0..20).map(|k| (f64::from(k), shades(k))).collect::<Vec<_>>());
+        let found = frozen.frozen().expect("seven copies in a row");
+        assert_eq!((found.cause(), found.camera), (Some(Cause::CameraFrozen), Some(1)));
+        assert!(
+            found.note.contains("0.200 s to 0.400 s") && found.note.contains("7 frame(s)"),
+            "{}",
+            found.note
+        );
+        let [note] = &frozen.notes()[..] else { panic!("{:?}", frozen.notes()) };
+        assert!(note.contains("1 frame(s) repeat"), "{note}");
+        let doubled = stream(&(0..40).map(|k| (f64::from(k), k / 2)).collect::<Vec<_>>());
+        assert_eq!(doubled.frozen(), None);
     }
 
     #[test]

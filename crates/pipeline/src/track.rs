@@ -2,12 +2,13 @@
 
 use crate::associate::{FlightAssociator, Instant};
 use crate::markers::{MarkerColors, body_markers};
+use crate::misfit::ClockEvidence;
 use crate::reconstruct::Reconstruction;
 use crate::stream::{Stream, refuse_one_recording_twice};
 use crate::tracked::Tracked;
 use crate::tracker::{CameraTracker, TrackedFrame};
 use crate::watch::CameraWatch;
-use crate::{CameraFeed, PipelineError, Progress, Stage, TimedFrame, clock_start, synchronize};
+use crate::{CameraFeed, Finding, PipelineError, Progress, Stage, TimedFrame, clock_start, synchronize};
 use mavsight_flight::Vehicle;
 use mavsight_pose::{
     CameraClock, CameraStream, ClockVerdict, Rig, estimate_clocks, informative_stretches_ns,
@@ -100,6 +101,7 @@ fn observe(
     for frame in frames {
         match frame {
             Ok(TimedFrame { t_ns, frame }) => {
+                watch.looks_at(&frame);
                 let brightness = stream.brightness.is_some().then(|| clock_start::brightness(&frame));
                 match tracker.see(t_ns, Arc::new(frame)) {
                     TrackedFrame::New(seen) => {
@@ -132,6 +134,7 @@ fn joined(
 ) -> Result<Tracked, PipelineError> {
     let colors = MarkerColors::of(vehicle);
     let mut notes: Vec<String> = streams.iter().flat_map(Stream::notes).collect();
+    let frozen: Vec<Finding> = streams.iter().filter_map(Stream::frozen).collect();
     notes.extend(clock_start::start_by_flash(&mut streams));
     notes.extend(clock_start::start_by_clap(&mut streams, rig));
     refuse_one_recording_twice(&streams)?;
@@ -140,7 +143,6 @@ fn joined(
     let stretches_ns = informative_stretches_ns(span_ns);
     let seen: Vec<CameraStream> = streams.iter().map(|s| s.camera_stream(&colors, &stretches_ns)).collect();
     let clocks = estimate_clocks(rig, &body_markers(vehicle), &seen);
-    drop(seen);
     for (stream, clock) in streams.iter().zip(&clocks) {
         if let ClockVerdict::TooSlow { .. } = clock.verdict {
             notes.push(format!("{}: its clock is {clock}.", stream.name));
@@ -159,7 +161,8 @@ fn joined(
         each(&Instant { t_ns, seen, association: &association });
         all.add_associated(seen, association);
     });
-    notes.extend(associator.misfit(rig)?);
+    let misfit = associator.misfit_by_clocks(rig, Some(ClockEvidence { streams: seen }))?;
+    all.tracked.findings = frozen.into_iter().chain(misfit).collect();
     associator.finish(rig, watches, &mut all.tracked);
     let mut tracked = all.finish()?;
     notes.append(&mut tracked.notes);

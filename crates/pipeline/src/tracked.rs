@@ -1,5 +1,6 @@
 //! What tracking yields.
 
+use crate::Finding;
 use crate::health::{CameraHealth, CentreQuality};
 use mavsight_pose::{ClockEstimate, Observations, PoseEstimator, PoseSample};
 
@@ -18,7 +19,9 @@ pub struct Tracked {
     pub clocks: Vec<ClockEstimate>,
     /// How well each camera saw the markers; none where the observations came from elsewhere.
     pub health: Vec<CameraHealth>,
-    /// What was wrong with the recordings and what happened to the cameras, with camera and time.
+    /// What is wrong with cameras, recordings and files, and what explains it.
+    pub findings: Vec<Finding>,
+    /// What was missing of the recordings and could not be had, with camera and time.
     pub notes: Vec<String>,
 }
 

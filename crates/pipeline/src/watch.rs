@@ -1,8 +1,8 @@
 //! What happened to the cameras, and how well they see.
 
-use crate::{CameraHealth, MarkerHealth};
+use crate::{CameraHealth, Cause, Finding, MarkerHealth, sharpness};
 use mavsight_pose::{MovedCamera, Rig};
-use mavsight_vision::{BallHealth, Tracker};
+use mavsight_vision::{BallHealth, Frame, Tracker};
 
 /// Watches one camera while it is tracked.
 pub(crate) struct CameraWatch {
@@ -13,7 +13,13 @@ pub(crate) struct CameraWatch {
     last_ns: i64,
     /// Spans in which it was dark: the first ones, which is all that anybody reads.
     spans_ns: Vec<(i64, i64)>,
+    /// Blur of the room's edges in some frames.
+    sharpness_px: Vec<f64>,
 }
+
+/// Frames whose sharpness is looked at, and from one to the next.
+const SHARPNESS_LOOKS: usize = 5;
+const SHARPNESS_EVERY: usize = 8;
 
 /// Spans that are kept: beyond them the count of frames says enough.
 const MOST_SPANS: usize = 8;
@@ -21,7 +27,21 @@ const MOST_SPANS: usize = 8;
 impl CameraWatch {
     pub(crate) fn new(camera: String) -> Self {
         let health = CameraHealth { camera, ..CameraHealth::default() };
-        Self { health, balls: Vec::new(), dark_since_ns: None, last_ns: 0, spans_ns: Vec::new() }
+        Self {
+            health,
+            balls: Vec::new(),
+            dark_since_ns: None,
+            last_ns: 0,
+            spans_ns: Vec::new(),
+            sharpness_px: Vec::new(),
+        }
+    }
+
+    /// Looks how sharp a frame is, of the first and some more of them.
+    pub(crate) fn looks_at(&mut self, frame: &Frame) {
+        if self.sharpness_px.len() < SHARPNESS_LOOKS && self.health.frames.is_multiple_of(SHARPNESS_EVERY) {
+            self.sharpness_px.extend(sharpness::edge_px(frame));
+        }
     }
 
     /// Takes note of the frame that the tracker has just seen.
@@ -48,12 +68,19 @@ impl CameraWatch {
     pub(crate) fn finish(mut self, tracker: &Tracker) -> Self {
         self.end_span();
         self.health.edge_px = tracker.edge_px();
+        self.sharpness_px.sort_by(f64::total_cmp);
+        self.health.room_edge_px = self.sharpness_px.get(self.sharpness_px.len() / 2).copied();
         self.balls = tracker.health().to_vec();
         self
     }
 
-    /// The health with the shares of frames in which each marker was identified, and notes on the dark.
-    pub(crate) fn report(mut self, of_marker: &[usize], seen: &[usize]) -> (CameraHealth, Vec<String>) {
+    /// The health with the shares of frames in which each marker was identified, and findings on the dark.
+    pub(crate) fn report(
+        mut self,
+        camera: usize,
+        of_marker: &[usize],
+        seen: &[usize],
+    ) -> (CameraHealth, Vec<Finding>) {
         let frames = self.health.frames.max(1) as f64;
         let marker = |(color, n): (&usize, &usize)| {
             let ball = self.balls.get(*color).copied().unwrap_or_default();
@@ -69,31 +96,60 @@ impl CameraWatch {
                 *to_ns as f64 * 1e-9
             )
         };
-        let notes = self.spans_ns.iter().map(note).collect();
-        (self.health, notes)
+        let dark = |span: &(i64, i64)| Finding::of(Cause::CameraDark, Some(camera), note(span));
+        let findings = self.spans_ns.iter().map(dark).collect();
+        (self.health, findings)
     }
 }
 
-/// A note on each camera that was moved.
-pub(crate) fn moved_notes(rig: &Rig, moved: &[MovedCamera]) -> Vec<String> {
-    moved
-        .iter()
-        .map(|m| {
-            format!(
-                "{} was moved at {:.3} s: the aircraft is shifted in its image by {:.1} px against the other cameras and where it \
-                 flew. It is left out from then on; fix it and calibrate again to use what it filmed.",
-                rig.cameras.get(m.camera).map_or("a camera", |c| c.name.as_str()),
-                m.t_ns as f64 * 1e-9,
-                m.shift_px.norm()
-            )
-        })
-        .collect()
+/// A finding on each camera that does not stand, or does not film, as it did.
+///
+/// Where something else is found that puts a camera's view off, a camera that was left out for it is not said to
+/// have been moved.
+pub(crate) fn standing(rig: &Rig, moved: &[MovedCamera], found: &[Finding]) -> Vec<Finding> {
+    let is_other = |f: &Finding| {
+        let views = [Cause::ClockOffset, Cause::FrameRate, Cause::BodyScale, Cause::ColorsExchanged];
+        f.causes.iter().any(|c| views.contains(c))
+    };
+    let is_explained = found.iter().any(is_other);
+    let of = |m: &MovedCamera| {
+        let name = rig.cameras.get(m.camera).map_or("a camera", |c| c.name.as_str());
+        let t_s = m.t_ns as f64 * 1e-9;
+        match m.still_since_ns {
+            Some(still_ns) => {
+                let note = format!(
+                    "{name} froze: its balls stand still in its images since {:.3} s, while the aircraft moves by {:.1} px by the \
+                     other cameras until {t_s:.3} s. It is left out from then on. Check its cable, its bandwidth and its driver.",
+                    still_ns as f64 * 1e-9,
+                    m.shift_px.norm()
+                );
+                Finding::of(Cause::CameraFrozen, Some(m.camera), note)
+            }
+            None if is_explained => {
+                let shift_px = m.shift_px.norm();
+                let note = format!(
+                    "{name} is left out from {t_s:.3} s on, as its view is off by {shift_px:.1} px: what else is said of the recording \
+                     explains that."
+                );
+                Finding { causes: vec![], camera: Some(m.camera), note }
+            }
+            None => {
+                let note = format!(
+                    "{name} was moved at {t_s:.3} s: the aircraft is shifted in its image by {:.1} px against the other cameras and \
+                     where it flew. It is left out from then on; fix it and calibrate again to use what it filmed.",
+                    m.shift_px.norm()
+                );
+                Finding::of(Cause::CameraMoved, Some(m.camera), note)
+            }
+        }
+    };
+    moved.iter().map(of).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mavsight_vision::{BallColor, Frame, ImageSize};
+    use mavsight_vision::{BallColor, ImageSize};
 
     const SIZE: ImageSize = ImageSize { width_px: 32, height_px: 24 };
 
@@ -108,17 +164,19 @@ mod tests {
             tracker.update(&frame);
             watch.saw(k * 100_000_000, tracker.is_dark());
         }
-        let (health, notes) = watch.finish(&tracker).report(&[0], &[4]);
+        let (health, findings) = watch.finish(&tracker).report(1, &[0], &[4]);
         assert_eq!((health.frames, health.dark, health.markers[0].seen), (20, 9, 0.2));
-        assert!(notes.len() == 2 && notes.iter().all(|n| n.starts_with("cam2 is dark")), "{notes:?}");
-        assert!(notes[0].contains("0.500 s") && notes[1].contains("1.500 s to 1.900 s"), "{notes:?}");
+        let is_dark = |f: &Finding| f.cause() == Some(Cause::CameraDark) && f.camera == Some(1);
+        assert!(findings.len() == 2 && findings.iter().all(is_dark), "{findings:?}");
+        assert!(findings[0].note.starts_with("cam2 is dark from 0.500 s"), "{findings:?}");
+        assert!(findings[1].note.contains("1.500 s to 1.900 s"), "{findings:?}");
     }
 
     #[test]
     fn nothing_seen_is_nothing_noted() {
         let red = BallColor { name: "red".into(), rgb: [200, 40, 40] };
         let tracker = Tracker::new(&[red], 3.0..=10.0).unwrap();
-        let (health, notes) = CameraWatch::new("cam1".into()).finish(&tracker).report(&[0], &[0]);
-        assert!(notes.is_empty() && health.markers[0].seen == 0.0);
+        let (health, findings) = CameraWatch::new("cam1".into()).finish(&tracker).report(0, &[0], &[0]);
+        assert!(findings.is_empty() && health.markers[0].seen == 0.0);
     }
 }

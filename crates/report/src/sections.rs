@@ -7,6 +7,7 @@ mod truth;
 
 use crate::summary::{Summary, listed};
 use crate::{equation_error, output_error};
+use mavsight_pipeline::Finding;
 use mavsight_pose::{ClockEstimate, ClockVerdict};
 use mavsight_score::Scores;
 use mavsight_session::RunResults;
@@ -17,7 +18,14 @@ pub(crate) use cameras::pixel_std_px;
 impl Summary {
     /// Collects the figures of a run, and the errors against truth where there are any.
     pub fn of(results: &RunResults, scores: Option<&Scores>) -> Self {
-        let mut summary = Self { rows: Vec::new(), verdicts: Vec::new(), notes: results.notes.clone() };
+        let finding = |found: &Finding| {
+            let causes: Vec<&str> = found.causes.iter().map(|c| c.words()).collect();
+            let camera = found.camera.and_then(|k| results.camera_names.get(k));
+            json!({"causes": causes, "camera": camera, "note": found.note})
+        };
+        let findings = results.findings.iter().map(finding).collect();
+        let mut summary =
+            Self { rows: Vec::new(), verdicts: Vec::new(), notes: results.notes.clone(), findings };
         cameras::add(&mut summary, results);
         for (name, clock) in results.camera_names.iter().zip(&results.camera_clocks) {
             add_clock(&mut summary, name, clock);

@@ -27,6 +27,9 @@ pub struct Summary {
     pub verdicts: Vec<String>,
     /// What could not be had, and why.
     pub notes: Vec<String>,
+    /// What is wrong with cameras, recordings and files: `causes`, one where it is decided; `camera`, its
+    /// name; `note`.
+    pub findings: Vec<Value>,
 }
 
 pub(crate) struct Section<'a> {
@@ -102,6 +105,7 @@ impl Summary {
         }
         sections.insert("verdicts".to_owned(), json!(self.verdicts));
         sections.insert("notes".to_owned(), json!(self.notes));
+        sections.insert("findings".to_owned(), json!(self.findings));
         Value::Object(sections)
     }
 

@@ -61,8 +61,9 @@ impl Flight<'_> {
         }
         let Some(misfit) = self.pipeline.misfit(self.setup.rig) else { return };
         self.is_fit_checked = true;
-        if let Some(text) = misfit.unwrap_or_else(|mixed_up| Some(mixed_up.to_string())) {
-            self.note(true, text);
+        match misfit {
+            Ok(findings) => findings.into_iter().for_each(|found| self.note(true, found.note)),
+            Err(mixed_up) => self.note(true, mixed_up.to_string()),
         }
     }
 

@@ -1,7 +1,7 @@
 //! What is known from the instants before: the pose, the noise, and whether the cameras stand still.
 
-use crate::PoseEstimate;
 use crate::reprojection::moved;
+use crate::{PoseEstimate, TrackedDetection};
 use mavsight_geometry::{Isometry3, Matrix6, Vector2};
 use nalgebra::Vector6;
 
@@ -149,7 +149,7 @@ const SHIFTED: f64 = 4.2;
 /// Instants over which a camera's usual shift is averaged: some seconds.
 const USUAL: f64 = 200.0;
 
-/// A camera that was moved while it filmed.
+/// A camera that was moved while it filmed, or whose image stopped.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MovedCamera {
     /// Index in the rig.
@@ -158,6 +158,31 @@ pub struct MovedCamera {
     pub t_ns: i64,
     /// By how much the body's image was shifted then.
     pub shift_px: Vector2<f64>,
+    /// Since when its balls have stood still, where most of the shift has come since: its image is frozen, and
+    /// it is the aircraft that moved.
+    pub still_since_ns: Option<i64>,
+}
+
+/// A camera's balls, for as long as they stand still in its images.
+#[derive(Debug, Clone, Default)]
+struct Still {
+    since_ns: i64,
+    /// By how much the camera's view was shifted then.
+    shift_px: Vector2<f64>,
+    /// Track and place of each.
+    balls: Vec<(u32, Vector2<f64>)>,
+}
+
+impl Still {
+    /// Whether these are the same balls in the same places, to within three standard deviations of a centre.
+    fn is_of(&self, seen: &[TrackedDetection]) -> bool {
+        let stands = |s: &TrackedDetection| {
+            let (_, at) = self.balls.iter().find(|b| b.0 == s.track_id)?;
+            Some((s.pixel - at).norm_squared() <= 9.0 * s.covariance_px2.trace())
+        };
+        let stand: Vec<bool> = seen.iter().filter_map(stands).collect();
+        stand.len() >= 3 && stand.iter().all(|s| *s)
+    }
 }
 
 /// What is known of the cameras' standing still.
@@ -168,11 +193,30 @@ pub(super) struct Watch {
     /// For each camera the mean square shift of its view of the body while it stands, in standard deviations:
     /// 2, and more where cameras are less exact than is claimed.
     usual: Vec<f64>,
+    still: Vec<Still>,
 }
 
 impl Watch {
     pub(super) fn is_out(&self, camera: usize) -> bool {
         self.moved.iter().chain(&self.suspects).any(|m| m.camera == camera)
+    }
+
+    /// Since when the balls of a camera stand still, where most of the shift of its view has come since.
+    pub(super) fn still_since_ns(
+        &mut self,
+        camera: usize,
+        (t_ns, seen): (i64, &[TrackedDetection]),
+        shift_px: Vector2<f64>,
+    ) -> Option<i64> {
+        if self.still.len() <= camera {
+            self.still.resize(camera + 1, Still::default());
+        }
+        let still = &mut self.still[camera];
+        if !still.is_of(seen) {
+            let balls = seen.iter().map(|s| (s.track_id, s.pixel)).collect();
+            *still = Still { since_ns: t_ns, shift_px, balls };
+        }
+        (2.0 * (shift_px - still.shift_px).norm() > shift_px.norm()).then_some(still.since_ns)
     }
 
     /// Whether a shift is beyond what is usual of a camera; what is not becomes part of that.

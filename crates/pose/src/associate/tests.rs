@@ -211,7 +211,38 @@ fn a_camera_that_is_pushed_is_named_and_left_out() {
         }
         if let Some(named) = associator.moved_cameras().first() {
             assert_eq!((named.camera, named.t_ns), (1, 60 * FRAME_NS));
-            assert!((named.shift_px - turn_px).norm() < 2.0, "{named:?}");
+            assert!((named.shift_px - turn_px).norm() < 2.0 && named.still_since_ns.is_none(), "{named:?}");
+        }
+    }
+}
+
+/// The second camera repeats the image of frame 60, but for what a codec adds: whoever is left out for that is the
+/// frozen one, and no camera is taken for moved.
+#[test]
+fn a_camera_whose_image_stops_is_not_taken_for_moved() {
+    let flights: [fn(i64) -> Isometry3<f64>; 2] = [pose_at, hovering_at];
+    for flight in flights {
+        let mut associator = associator(&PAPER, &[0, 1, 2, 3]).unwrap();
+        let mut random = Random::new(23, 0);
+        let mut stopped = Vec::new();
+        for k in 0..120 {
+            let mut frame = seen(&PAPER, &[0, 1, 2, 3], &flight(k), &mut random);
+            if k == 60 {
+                stopped = frame.iter().filter(|f| f.1.camera == 1).copied().collect();
+            }
+            if k > 60 {
+                frame.retain(|f| f.1.camera == 0);
+                frame.extend(stopped.iter().copied());
+                let codec =
+                    |f: &mut (usize, TrackedDetection)| f.1.pixel += Vector2::from(random.normals()) * 0.01;
+                frame.iter_mut().filter(|f| f.1.camera == 1).for_each(codec);
+            }
+            let candidates: Vec<TrackedDetection> = frame.iter().map(|f| f.1).collect();
+            associator.associate(k * FRAME_NS, &candidates);
+        }
+        for named in associator.moved_cameras() {
+            let still_ns = named.still_since_ns.unwrap_or_else(|| panic!("taken for moved: {named:?}"));
+            assert!(named.camera == 1 && (57..=62).contains(&(still_ns / FRAME_NS)), "{named:?}");
         }
     }
 }

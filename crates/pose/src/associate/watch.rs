@@ -110,16 +110,19 @@ impl Associator {
             let mut belief = *predicted;
             others().for_each(|(index, marker)| self.narrow(&mut belief, &frame.seen[*index], *marker));
             let Some(shift) = self.shift(camera, frame, &belief) else { continue };
+            let own: Vec<TrackedDetection> =
+                frame.seen.iter().filter(|s| s.camera == camera).copied().collect();
+            let still_since_ns = self.watch.still_since_ns(camera, (frame.t_ns, &own), shift.mean_px);
             if !self.watch.is_beyond_usual(camera, shift.square) || !shift.is_common {
                 continue;
             }
             let (t_ns, shift_px) = (frame.t_ns, shift.mean_px);
             match before.iter().find(|s| s.camera == camera) {
                 Some(s) if (s.shift_px - shift_px).norm() <= 2.0 * COMMON * s.shift_px.norm() => {
-                    self.watch.moved.push(*s);
+                    self.watch.moved.push(MovedCamera { still_since_ns, ..*s });
                 }
                 Some(_) => {}
-                None => self.watch.suspects.push(MovedCamera { camera, t_ns, shift_px }),
+                None => self.watch.suspects.push(MovedCamera { camera, t_ns, shift_px, still_since_ns }),
             }
         }
         // Where all are shifted it is the aircraft that moved.

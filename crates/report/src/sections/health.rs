@@ -13,8 +13,6 @@ const OFTEN_SEEN: f64 = 0.9;
 const GLINT: f64 = 0.05;
 /// Hue by which a surface changes with the light, degrees: nearer background is taken for the ball.
 const NEAR_HUE_DEG: f64 = 25.0;
-/// Blur beyond which an edge is spread over the whole of a small ball.
-const BLURRED_PX: f64 = 1.5;
 
 /// Health of the masks and of the exposure, by camera and marker, with advice as notes.
 pub(super) fn add(summary: &mut Summary, results: &RunResults) {
@@ -53,9 +51,8 @@ fn advice(camera: &CameraHealth, markers: &[String]) -> Vec<String> {
     };
     let near_hue = of(|m| m.seen > 0.0 && m.ball.hue_apart_deg < NEAR_HUE_DEG);
     let small = of(|m| m.ball.diameter_px > 0.0 && m.ball.diameter_px < SMALL_PX);
-    let mut out: Vec<String> = [
+    [
         (of(|m| m.ball.saturated > GLINT), "overexposed: shorten the exposure or close the iris"),
-        (of(|m| m.ball.others > 0.5), "not the only object of its colour in view: cover the other"),
         (near_hue, "before a background of nearly its hue: cover that, or paint the ball otherwise"),
         (small, "small: come closer, or use a longer lens or a larger ball"),
         (
@@ -66,14 +63,7 @@ fn advice(camera: &CameraHealth, markers: &[String]) -> Vec<String> {
     .into_iter()
     .filter(|(named, _)| !named.is_empty())
     .map(|(named, what)| format!("{name}: {named} is {what}."))
-    .collect();
-    if camera.edge_px > BLURRED_PX {
-        out.push(format!(
-            "{name} is blurred by {:.1} px: focus it, or shorten the exposure.",
-            camera.edge_px
-        ));
-    }
-    out
+    .collect()
 }
 
 #[cfg(test)]
@@ -95,10 +85,9 @@ mod tests {
         };
         assert!(advice(&camera, &names).is_empty());
         camera.markers[1] =
-            MarkerHealth { seen: 1.0, ball: BallHealth { saturated: 0.4, others: 1.0, ..ball } };
-        camera.edge_px = 2.0;
+            MarkerHealth { seen: 1.0, ball: BallHealth { saturated: 0.4, hue_apart_deg: 5.0, ..ball } };
         let advice = advice(&camera, &names);
-        assert_eq!(advice.len(), 3, "{advice:?}");
+        assert_eq!(advice.len(), 2, "{advice:?}");
         assert!(
             advice[0].starts_with("cam1: blue is overexposed") && !advice.iter().any(|s| s.contains(" red "))
         );

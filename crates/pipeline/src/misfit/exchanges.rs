@@ -1,0 +1,232 @@
+//! Exchanges: recordings of each other's cameras, images mirrored or turned, colours of each other's markers.
+
+use super::{Alternative, Evidence};
+use crate::{Cause, Finding, PipelineError};
+use mavsight_geometry::{Vector2, Vector3};
+use mavsight_pose::{MarkerObservation, Rig};
+
+/// Markers up to which every permutation of them is tried; of more, every exchange of two.
+const MOST_PERMUTED: usize = 5;
+
+/// Instants from which a permutation is tried; those that fit are tried with all.
+const FEW: usize = 7;
+
+/// What may have been done to recordings or to the file of the vehicle.
+#[derive(Debug, Clone, PartialEq)]
+enum Exchange {
+    Cameras(usize, usize),
+    Mirrored(usize),
+    UpsideDown(usize),
+    /// The ball that the file calls marker k is marker `[k]`.
+    Markers(Vec<usize>),
+}
+
+impl Exchange {
+    /// Those that a rig allows: only cameras of one image size can have been exchanged.
+    fn of_cameras(rig: &Rig) -> Vec<Self> {
+        let size = |k: usize| rig.cameras[k].camera.size;
+        let n = rig.cameras.len();
+        let pairs = (0..n).flat_map(|a| (a + 1..n).map(move |b| (a, b)));
+        let exchanged = pairs.filter(|(a, b)| size(*a) == size(*b)).map(|(a, b)| Self::Cameras(a, b));
+        let turned = (0..n).flat_map(|k| [Self::Mirrored(k), Self::UpsideDown(k)]);
+        exchanged.chain(turned).collect()
+    }
+
+    fn cause(&self) -> Cause {
+        match self {
+            Self::Cameras(..) => Cause::CamerasExchanged,
+            Self::Mirrored(_) | Self::UpsideDown(_) => Cause::ImageTurned,
+            Self::Markers(_) => Cause::ColorsExchanged,
+        }
+    }
+
+    fn camera(&self) -> Option<usize> {
+        match self {
+            Self::Mirrored(k) | Self::UpsideDown(k) => Some(*k),
+            _ => None,
+        }
+    }
+
+    /// The observation as it would have been without.
+    fn undone(&self, mut seen: MarkerObservation, rig: &Rig) -> MarkerObservation {
+        let size = rig.cameras[seen.camera].camera.size;
+        let (right, bottom) = (f64::from(size.width_px) - 1.0, f64::from(size.height_px) - 1.0);
+        match self {
+            Self::Cameras(a, b) if seen.camera == *a => seen.camera = *b,
+            Self::Cameras(a, b) if seen.camera == *b => seen.camera = *a,
+            Self::Mirrored(k) if seen.camera == *k => {
+                seen.pixel.x = right - seen.pixel.x;
+                for at in [(0, 1), (1, 0)] {
+                    seen.covariance_px2[at] = -seen.covariance_px2[at];
+                }
+            }
+            Self::UpsideDown(k) if seen.camera == *k => {
+                seen.pixel = Vector2::new(right, bottom) - seen.pixel;
+            }
+            Self::Markers(of) => seen.marker = of[seen.marker],
+            _ => {}
+        }
+        seen
+    }
+
+    fn words(&self, evidence: &Evidence<'_>) -> String {
+        let name = |k: usize| &evidence.rig.cameras[k].name;
+        match self {
+            Self::Cameras(a, b) => format!(
+                "with the recordings of {} and {} exchanged: exchange them in the session file",
+                name(*a),
+                name(*b)
+            ),
+            Self::Mirrored(k) => format!(
+                "with {} mirrored left to right: turn mirroring off where the camera or its program offers it, or mirror its still too",
+                name(*k)
+            ),
+            Self::UpsideDown(k) => format!(
+                "with {} turned upside down: its recording and its still have to be the same way up",
+                name(*k)
+            ),
+            Self::Markers(of) => format!(
+                "with the colours of {} exchanged: exchange them in the vehicle file",
+                names(&evidence.displaced(of))
+            ),
+        }
+    }
+}
+
+fn names(all: &[&str]) -> String {
+    match all {
+        [rest @ .., last] if !rest.is_empty() => format!("{} and {last}", rest.join(", ")),
+        _ => all.join(", "),
+    }
+}
+
+/// All permutations of so many.
+fn permutations(count: usize) -> Vec<Vec<usize>> {
+    if count > MOST_PERMUTED {
+        let pairs = (0..count).flat_map(|a| (a + 1..count).map(move |b| (a, b)));
+        let swap = |(a, b)| {
+            let mut all: Vec<usize> = (0..count).collect();
+            all.swap(a, b);
+            all
+        };
+        return pairs.map(swap).collect();
+    }
+    let mut out: Vec<Vec<usize>> = vec![vec![]];
+    for next in 0..count {
+        let longer = |p: &Vec<usize>| -> Vec<Vec<usize>> {
+            (0..=p.len())
+                .map(|at| p[..at].iter().copied().chain([next]).chain(p[at..].iter().copied()).collect())
+                .collect()
+        };
+        out = out.iter().flat_map(longer).collect();
+    }
+    out.retain(|p| p.iter().enumerate().any(|(k, of)| k != *of));
+    out
+}
+
+impl Evidence<'_> {
+    fn displaced(&self, of: &[usize]) -> Vec<&str> {
+        let markers = self.estimator.markers().iter().zip(of).enumerate();
+        markers.filter(|(k, (_, of))| k != *of).map(|(_, (m, _))| m.name.as_str()).collect()
+    }
+
+    fn without(&self, exchange: &Exchange) -> Vec<Vec<MarkerObservation>> {
+        let undone = |seen: &Vec<MarkerObservation>| {
+            seen.iter().map(|o| exchange.undone(*o, self.rig)).collect::<Vec<_>>()
+        };
+        self.instants.iter().map(undone).collect()
+    }
+
+    /// What exchanged or turned recordings leave.
+    pub(super) fn exchanged_recordings(&self) -> Result<Vec<Alternative>, PipelineError> {
+        let mut out = Vec::new();
+        for exchange in Exchange::of_cameras(self.rig) {
+            let fit = self.median_fit(&self.without(&exchange))?;
+            out.extend(fit.map(|fit| self.by(&exchange, fit)));
+        }
+        Ok(out)
+    }
+
+    fn by(&self, exchange: &Exchange, fit: super::ReprojectionFit) -> Alternative {
+        let (cause, camera) = (exchange.cause(), exchange.camera());
+        Alternative { cause, camera, fit, words: exchange.words(self) }
+    }
+
+    /// What exchanged colours leave: of those that leave the least, in which the body is upright, those of the
+    /// fewest markers.
+    pub(super) fn exchanged_colors(&self) -> Result<Vec<Alternative>, PipelineError> {
+        let mut tried: Vec<(Vec<usize>, Exchange)> = Vec::new();
+        for of in permutations(self.estimator.markers().len()) {
+            tried.push((of.clone(), Exchange::Markers(of)));
+        }
+        let few = |all: &[Vec<MarkerObservation>]| -> Vec<Vec<MarkerObservation>> {
+            all.iter().step_by((all.len() / FEW).max(1)).cloned().collect()
+        };
+        let mut fitting = Vec::new();
+        for (of, exchange) in tried {
+            let seen = self.without(&exchange);
+            if self.median_fit(&few(&seen))?.is_none_or(|fit| fit.ratio > super::FITS) {
+                continue;
+            }
+            let Some(fit) = self.median_fit(&seen)? else { continue };
+            let displaced = of.iter().enumerate().filter(|(k, of)| k != *of).count();
+            fitting.push((self.upright(&few(&seen)) < 0.5, displaced, fit, exchange));
+        }
+        let Some(best) = fitting.iter().map(|f| f.2.ratio).min_by(f64::total_cmp) else { return Ok(vec![]) };
+        fitting.retain(|f| f.2.ratio <= super::ALIKE * best);
+        let Some(simplest) = fitting.iter().map(|f| (f.0, f.1)).min() else { return Ok(vec![]) };
+        let kept = fitting.into_iter().filter(|f| (f.0, f.1) == simplest);
+        Ok(kept.map(|(_, _, fit, exchange)| self.by(&exchange, fit)).collect())
+    }
+
+    /// Share of the poses of these instants in which the body's z points down; 1 where there are none.
+    fn upright(&self, instants: &[Vec<MarkerObservation>]) -> f64 {
+        let is_upright = |seen: &Vec<MarkerObservation>| {
+            let estimate = self.estimator.estimate(seen.first()?.t_ns, seen, None).ok()?;
+            Some((estimate.world_from_body.rotation * Vector3::z()).z < 0.0)
+        };
+        let upright: Vec<bool> = instants.iter().filter_map(is_upright).collect();
+        if upright.is_empty() {
+            return 1.0;
+        }
+        upright.iter().filter(|u| **u).count() as f64 / upright.len() as f64
+    }
+
+    /// That the body is upside down all the while, where other colours of its markers would turn it over: of a
+    /// flat body the cameras see no more than that.
+    pub(super) fn upside_down(&self) -> Result<Option<Finding>, PipelineError> {
+        let few: Vec<Vec<MarkerObservation>> =
+            self.instants.iter().step_by((self.instants.len() / FEW).max(1)).cloned().collect();
+        if self.upright(&few) > 0.0 {
+            return Ok(None);
+        }
+        let upright = self.exchanged_colors()?;
+        let colors: Vec<&str> = upright.iter().map(|a| a.words.as_str()).collect();
+        let (mut causes, mut other) = (vec![Cause::BodyAxes], String::new());
+        if !upright.is_empty() {
+            causes.insert(0, Cause::ColorsExchanged);
+            other = format!("; or it is upright {}", colors.join("; or "));
+        }
+        let note = format!(
+            "The body is upside down in all that was looked at: it was flown so, or the axes of the vehicle file are not forward, \
+             right and down{other}. The images do not show which."
+        );
+        Ok(Some(Finding { causes, camera: None, note }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_permutation_of_few_and_every_pair_of_many_is_tried() {
+        let all = permutations(4);
+        assert_eq!(all.len(), 23);
+        let mut unlike = all.clone();
+        unlike.sort();
+        unlike.dedup();
+        assert_eq!(unlike.len(), 23);
+        assert_eq!(permutations(8).len(), 28);
+    }
+}
