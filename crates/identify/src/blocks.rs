@@ -112,7 +112,7 @@ mod tests {
         let runs = 300;
         let (mut by_known, mut by_wide) = (0, 0);
         for _ in 0..runs {
-            let phase = random.between(0.0, 6.28);
+            let phase = random.between(0.0, std::f64::consts::TAU);
             let (known, wide, values) = fitted(&mut random, |t| 2.0 * (1.1 * t + phase).sin());
             let holds = |c: &Coloured| {
                 let quantile = crate::student_quantile_975(c.degrees as usize);
