@@ -42,7 +42,8 @@ fn label(p: &PooledParameter) -> String {
 
 fn cells(p: &PooledParameter) -> Vec<String> {
     let Pooled { mean, std, ci_low, ci_high, between_std, heterogeneity } = p.pooled;
-    let numbers = [mean, std, ci_low, ci_high, between_std].map(|v| format!("{v:+.3e}"));
+    let number = |v: f64| if v == 0.0 { "0".to_owned() } else { format!("{v:+.3e}") };
+    let numbers = [mean, std, ci_low, ci_high, between_std].map(number);
     let verdict = if heterogeneity.is_significant() {
         format!("flights differ (chi-square {:.1} of {})", heterogeneity.chi_square, heterogeneity.degrees)
     } else {
