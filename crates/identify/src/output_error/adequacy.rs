@@ -99,7 +99,7 @@ impl AskedFor {
             let step =
                 first.test.map_or(String::new(), |test| format!(", about {:+.2e} {}", test.step, first.unit));
             words.push(format!(
-                "Of a lag of the inputs and of forces and moments that follow one signal, they ask most for {}{}{}.",
+                "Of a lag of the inputs and of forces and moments that follow one signal, the residuals ask most for {}{}{}.",
                 first.explains,
                 step.trim_end(),
                 chi_square(first)
