@@ -174,14 +174,24 @@ struct Still {
 }
 
 impl Still {
-    /// Whether these are the same balls in the same places, to within three standard deviations of a centre.
-    fn is_of(&self, seen: &[TrackedDetection]) -> bool {
-        let stands = |s: &TrackedDetection| {
-            let (_, at) = self.balls.iter().find(|b| b.0 == s.track_id)?;
-            Some((s.pixel - at).norm_squared() <= 9.0 * s.covariance_px2.trace())
-        };
-        let stand: Vec<bool> = seen.iter().filter_map(stands).collect();
-        stand.len() >= 3 && stand.iter().all(|s| *s)
+    /// Whether a camera has the same balls in the same places, to within three standard deviations of a centre.
+    fn is_of(&self, camera: usize, seen: &[TrackedDetection]) -> bool {
+        let mut standing = 0;
+        for own in seen.iter().filter(|s| s.camera == camera) {
+            let Some((_, at)) = self.balls.iter().find(|b| b.0 == own.track_id) else { continue };
+            if (own.pixel - at).norm_squared() > 9.0 * own.covariance_px2.trace() {
+                return false;
+            }
+            standing += 1;
+        }
+        standing >= 3
+    }
+
+    /// Takes the balls of a camera as they are at a time; in flight nothing is allocated for them again.
+    fn begin(&mut self, camera: usize, (t_ns, seen): (i64, &[TrackedDetection]), shift_px: Vector2<f64>) {
+        (self.since_ns, self.shift_px) = (t_ns, shift_px);
+        self.balls.clear();
+        self.balls.extend(seen.iter().filter(|s| s.camera == camera).map(|s| (s.track_id, s.pixel)));
     }
 }
 
@@ -212,9 +222,8 @@ impl Watch {
             self.still.resize(camera + 1, Still::default());
         }
         let still = &mut self.still[camera];
-        if !still.is_of(seen) {
-            let balls = seen.iter().map(|s| (s.track_id, s.pixel)).collect();
-            *still = Still { since_ns: t_ns, shift_px, balls };
+        if !still.is_of(camera, seen) {
+            still.begin(camera, (t_ns, seen), shift_px);
         }
         (2.0 * (shift_px - still.shift_px).norm() > shift_px.norm()).then_some(still.since_ns)
     }

@@ -110,9 +110,7 @@ impl Associator {
             let mut belief = *predicted;
             others().for_each(|(index, marker)| self.narrow(&mut belief, &frame.seen[*index], *marker));
             let Some(shift) = self.shift(camera, frame, &belief) else { continue };
-            let own: Vec<TrackedDetection> =
-                frame.seen.iter().filter(|s| s.camera == camera).copied().collect();
-            let still_since_ns = self.watch.still_since_ns(camera, (frame.t_ns, &own), shift.mean_px);
+            let still_since_ns = self.watch.still_since_ns(camera, (frame.t_ns, frame.seen), shift.mean_px);
             if !self.watch.is_beyond_usual(camera, shift.square) || !shift.is_common {
                 continue;
             }
