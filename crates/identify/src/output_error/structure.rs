@@ -136,8 +136,8 @@ pub fn search_structure(
 
 /// What the residuals of output error ask for, by score tests over the whole flight, none of which is followed by a fit:
 /// the candidate terms of the model's file, and terms that follow one signal of the flight
-/// ([`mavsight_model::Model::with_signal_terms`]) with the lag of the inputs. Of each kind those that pass at the level of 1 % over all of it, the
-/// strongest first. Sensors take no part.
+/// ([`mavsight_model::Model::with_signal_terms`]) with the lag of the inputs. Of each kind those that pass at the level of
+/// 1 % over all of it, the strongest first. Sensors take no part.
 ///
 /// # Errors
 /// Those of [`super::output_error`].

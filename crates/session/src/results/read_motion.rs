@@ -32,8 +32,9 @@ impl FlightTable {
         let Some((begin_ns, end_ns)) = times_ns.first().copied().zip(times_ns.last().copied()) else {
             return Vec::new();
         };
-        let edge_ns =
-            |part: usize| begin_ns + (i128::from(end_ns - begin_ns) * part as i128 / count as i128) as i64;
+        let edge_ns = |part: usize| {
+            begin_ns + ((i128::from(end_ns) - i128::from(begin_ns)) * part as i128 / count as i128) as i64
+        };
         let parts = (0..count).map(|part| {
             let until_ns = if part + 1 == count { i64::MAX } else { edge_ns(part + 1) };
             let own = edge_ns(part)..until_ns;
