@@ -141,6 +141,7 @@ impl Flight<'_> {
             Report::Ended { camera } => {
                 self.status[camera].ended = true;
                 self.leave_out(camera);
+                self.report_ended();
             }
         }
     }
@@ -160,7 +161,7 @@ impl Flight<'_> {
         self.latest_ns = self.latest_ns.max(t_ns);
         self.received_ns = received_ns;
         self.first_ns.get_or_insert(received_ns);
-        self.report_ended(t_ns);
+        self.report_ended();
         self.pipeline.push(camera, stamp_ns, &seen.detections);
         if let Some(interval_s) = self.pipeline.interval_s(camera) {
             self.status[camera].interval_ns = (interval_s * 1e9) as i64;

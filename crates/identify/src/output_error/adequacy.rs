@@ -8,6 +8,8 @@ use crate::IdentifyError;
 
 /// Chance that a fit is doubted whose model lacks nothing.
 const LEVEL: f64 = 0.01;
+/// Signals that are named: one fault often shows in a force and in a moment, or along two axes.
+const SIGNALS_SAID: usize = 3;
 
 /// What speaks against a flight model.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -95,14 +97,18 @@ impl AskedFor {
             let terms: Vec<String> = self.candidates.iter().map(term).collect();
             words.push(format!("The residuals ask for {}: --search tries it.", terms.join(", ")));
         }
-        if let Some(first) = self.signals.first() {
-            let step =
-                first.test.map_or(String::new(), |test| format!(", about {:+.2e} {}", test.step, first.unit));
+        if !self.signals.is_empty() {
+            let strongest = self.signals.iter().take(SIGNALS_SAID);
+            let terms: Vec<String> = strongest
+                .map(|t| {
+                    let step =
+                        t.test.map_or(String::new(), |test| format!(", about {:+.2e} {}", test.step, t.unit));
+                    format!("{}{}{}", t.explains, step.trim_end(), chi_square(t))
+                })
+                .collect();
             words.push(format!(
-                "Of a lag of the inputs and of forces and moments that follow one signal, the residuals ask most for {}{}{}.",
-                first.explains,
-                step.trim_end(),
-                chi_square(first)
+                "Of a lag of the inputs and of forces and moments that follow one signal, the residuals ask most for {}.",
+                terms.join("; ")
             ));
         }
         words.join(" ")

@@ -3,6 +3,7 @@
 mod aircraft;
 mod clocks;
 mod coverage;
+mod model_faults;
 mod tally;
 
 use aircraft::{Coefficients, Flown, PRODUCTS, fly, longitudinal_multisine, multisine};

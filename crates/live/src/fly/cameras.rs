@@ -81,11 +81,11 @@ impl Flight<'_> {
         self.report_instants();
     }
 
-    /// Reports cameras that have ended while others go on to a time.
-    pub(super) fn report_ended(&mut self, t_ns: i64) {
+    /// Reports cameras that have ended and whose last frame is well before the latest of the others.
+    pub(super) fn report_ended(&mut self) {
         for camera in 0..self.status.len() {
             let status = &mut self.status[camera];
-            let ahead_ns = t_ns.saturating_sub(status.latest_ns);
+            let ahead_ns = self.latest_ns.saturating_sub(status.latest_ns);
             if status.ended && ahead_ns > ENDED_INTERVALS * status.interval_ns && status.outlived() {
                 let now_ns = self.now_ns();
                 self.report_camera(camera, now_ns);

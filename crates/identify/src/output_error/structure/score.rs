@@ -1,6 +1,7 @@
 //! Score tests of terms that a fit does not have.
 
 use super::super::assemble::Solved;
+use super::super::colour::Colour;
 use super::super::condense::Linear;
 use super::super::covariance::correlation_lag;
 use super::super::disagreement::chi_square_tail;
@@ -32,13 +33,35 @@ pub(super) fn score_tests(
     fitter.problem.equations = Equations::new(&model);
     fitter.point.model = model;
     fitter.at = fitter.problem.evaluate(&fitter.point)?;
-    let mut linear = fitter.linearised(TIGHTNESS[3])?;
-    if let Some(colour) = colour {
-        linear = colour.whitened(&linear);
-    }
+    let linear = fitter.linearised(TIGHTNESS[3])?;
+    let channels = fitter.problem.weights.len();
     let first = linear.tangent + free;
-    let rows: Vec<usize> = (first..first + candidates.len()).collect();
-    tests_of(&linear, &rows, fitter.problem.weights.len())
+    let unknowns: Vec<usize> = (first..first + candidates.len()).collect();
+    if colour.is_none() {
+        return tests_of(&linear, &unknowns, channels);
+    }
+    unknowns.iter().map(|unknown| coloured_test_of(&linear, &unknowns, *unknown, channels)).collect()
+}
+
+/// The test of one of several unknowns, the colour of the errors being that which is the most likely beside it: a term that
+/// is missing makes residuals that hang together, and would hide in a colour taken from them.
+fn coloured_test_of(
+    linear: &Linear,
+    unknowns: &[usize],
+    unknown: usize,
+    channels: usize,
+) -> Result<Option<ScoreTest>, IdentifyError> {
+    let kept: Vec<usize> =
+        (0..linear.rows.nrows()).filter(|k| *k == unknown || !unknowns.contains(k)).collect();
+    let place = kept.iter().position(|k| *k == unknown).unwrap_or_default();
+    let beside = Linear { rows: linear.rows.select_rows(&kept), ..linear.clone() };
+    let whitened = match Colour::find(&beside, channels) {
+        Ok(colour) => colour.whitened(&beside),
+        // What is free does all that it does.
+        Err(IdentifyError::RankZero) => return Ok(None),
+        Err(why) => return Err(why),
+    };
+    Ok(tests_of(&whitened, &[place], channels)?[0])
 }
 
 /// The tests of unknowns of a linear model, by their rows, beside all others that are not among them.
@@ -168,6 +191,30 @@ mod tests {
         let mut random = Random::new(11, 0);
         let found = test_of(&drawn(0.5, 3.0, &mut random));
         assert!(found.chi_square > 1000.0 && (found.step - 3.0).abs() < 0.2, "{found:?}");
+    }
+
+    /// A strong slow effect looks like correlated errors as long as it is not free.
+    #[test]
+    fn an_effect_does_not_hide_in_a_colour_that_was_found_without_it() {
+        let linear = drawn(0.0, 1.5, &mut Random::new(12, 0));
+        let without = Linear { rows: linear.rows.select_rows(&[0, 1, 3]), ..linear.clone() };
+        let colour = Colour::find(&without, CHANNELS).expect("a colour");
+        let hidden = test_of(&colour.whitened(&linear));
+        let found =
+            coloured_test_of(&linear, &[2], 2, CHANNELS).expect("a fit").expect("a column of its own");
+        assert!(found.chi_square > 2.0 * hidden.chi_square, "{found:?} {hidden:?}");
+        assert!((found.step - 1.5).abs() < 0.2, "{found:?}");
+    }
+
+    #[test]
+    fn chance_passes_as_often_as_the_level_says_beside_a_colour() {
+        let (runs, mut random): (usize, _) = (200, Random::new(13, 0));
+        let mut p_value = || {
+            let linear = drawn(0.8, 0.0, &mut random);
+            coloured_test_of(&linear, &[2], 2, CHANNELS).expect("a fit").expect("a column of its own").p_value
+        };
+        let share = (0..runs).filter(|_| p_value() < 0.05).count() as f64 / runs as f64;
+        assert!((0.005..0.1).contains(&share), "{share}");
     }
 
     #[test]
