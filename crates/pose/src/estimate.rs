@@ -4,6 +4,7 @@ mod bias;
 mod components;
 mod estimator;
 mod gates;
+mod hidden;
 mod instant;
 mod sample;
 mod solve;

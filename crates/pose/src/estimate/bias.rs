@@ -14,6 +14,7 @@ const SAMPLED_FRAMES: usize = 40;
 impl PoseEstimator {
     /// States a constant error of centres: `std_px` for each coordinate of each marker in each camera,
     /// independent of each other. Light from one side, colours that shade into each other and lenses do that.
+    /// What a ball that was not measured leaves open of the centre of one that it touches then counts too.
     ///
     /// # Errors
     /// [`PoseError::BadBias`] for what is not finite or negative.
@@ -21,13 +22,13 @@ impl PoseEstimator {
         if !(std_px.is_finite() && std_px >= 0.0) {
             return Err(PoseError::BadBias { std_px });
         }
-        self.errors.bias_px = std_px;
+        self.errors.bias_px = Some(std_px);
         Ok(self)
     }
 
     /// The standard deviation that [`PoseEstimator::with_centre_bias`] was given; 0 without.
     pub fn bias_std_px(&self) -> f64 {
-        self.errors.bias_px
+        self.errors.bias_px.unwrap_or(0.0)
     }
 
     /// What each direction of systematic error does to a pose, in double precision: its systematic columns
@@ -60,7 +61,8 @@ impl PoseEstimator {
         observations: &Observations,
         poses: &[PoseSample],
     ) -> Result<f64, PoseError> {
-        let unit = self.clone().with_centre_bias(1.0)?;
+        let of_bias = |std_px: f64| self.clone().with_centre_bias(std_px);
+        let (without, unit) = (of_bias(0.0)?, of_bias(1.0)?);
         let every = (poses.len() / SAMPLED_FRAMES).max(1);
         // Sum and number of the products, and the residuals of the longest lag.
         let (mut product, mut pairs, mut recent) = (0.0, 0.0, VecDeque::new());
@@ -80,7 +82,7 @@ impl PoseEstimator {
                     && let Some(factor) = fit.normal.cholesky()
                 {
                     let inverse = factor.inverse();
-                    let known = self.systematic(&views, &fit, &inverse).1;
+                    let known = without.systematic(&views, &fit, &inverse).1;
                     explained += known;
                     by_unit += unit.systematic(&views, &fit, &inverse).1 - known;
                     sampled += views.len() as f64;

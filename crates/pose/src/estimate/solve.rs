@@ -73,11 +73,21 @@ impl PoseEstimator {
             let weighted = at.by_pose.transpose() * huber(at.whitened.norm_squared(), fit.bound2).0;
             let by_camera = o.whitener * by_camera;
             let by_marker = o.whitener * at.projection.d_pixel_d_point_in_world * turn;
-            self.errors.effects(o, &by_camera, &by_marker, |column: usize, effect: Vector2<f64>| {
-                squares += effect.norm_squared();
-                let mut sum = effects.column_mut(column);
-                sum += weighted * effect;
-            });
+            let hidden_px = match self.errors.bias_px {
+                Some(_) => self.hidden_px(o, views, &fit.world_from_body),
+                None => Vector2::zeros(),
+            };
+            self.errors.effects(
+                o,
+                &by_camera,
+                &by_marker,
+                &hidden_px,
+                |column: usize, effect: Vector2<f64>| {
+                    squares += effect.norm_squared();
+                    let mut sum = effects.column_mut(column);
+                    sum += weighted * effect;
+                },
+            );
         }
         let mut taken = 0.0;
         for mut column in effects.column_iter_mut() {

@@ -3,7 +3,7 @@
 use crate::Rig;
 use crate::reprojection::PointObservation;
 use mavsight_geometry::{CAMERA_PARAMETERS, Vector2};
-use nalgebra::{DMatrix, Matrix2x3, SMatrix};
+use nalgebra::{DMatrix, Matrix2, Matrix2x3, SMatrix};
 
 /// What is not known of cameras, markers and centres, as columns of one standard deviation along independent
 /// directions: those known together, then one for each coordinate of each marker in each camera.
@@ -13,8 +13,8 @@ pub(super) struct SystematicErrors {
     markers: usize,
     /// 16 rows a camera, 3 a marker, 2 for each marker in each camera (camera by camera).
     factor: DMatrix<f64>,
-    /// Standard deviation of the centres' constant errors beyond those.
-    pub(super) bias_px: f64,
+    /// Standard deviation of the centres' constant errors beyond those; with what overlap leaves open of them.
+    pub(super) bias_px: Option<f64>,
     /// Whether the factor is what a fit to the same observations left.
     pub(super) is_fitted: bool,
 }
@@ -27,7 +27,7 @@ impl SystematicErrors {
         let columns = if known { rig.uncertainty.ncols() } else { 0 };
         let mut factor = DMatrix::zeros(rows + 3 * markers + 2 * cameras * markers, columns);
         factor.rows_mut(0, rows).copy_from(&rig.uncertainty.columns(0, columns));
-        Self { cameras, markers, factor, bias_px: 0.0, is_fitted: false }
+        Self { cameras, markers, factor, bias_px: None, is_fitted: false }
     }
 
     /// With independent errors of the marker positions; `None` for another shape or what is not finite.
@@ -44,19 +44,21 @@ impl SystematicErrors {
     /// What a fit of all together has left, in place of all else; `None` for another shape or not finite.
     pub(super) fn fitted(self, factor: DMatrix<f64>) -> Option<Self> {
         let good = factor.nrows() == self.factor.nrows() && factor.iter().all(|x| x.is_finite());
-        good.then_some(Self { is_fitted: true, factor, bias_px: 0.0, ..self })
+        good.then_some(Self { is_fitted: true, factor, bias_px: None, ..self })
     }
 
     pub(super) fn columns(&self) -> usize {
-        self.factor.ncols() + if self.bias_px > 0.0 { 2 * self.cameras * self.markers } else { 0 }
+        self.factor.ncols() + self.bias_px.map_or(0, |_| 2 * self.cameras * self.markers)
     }
 
-    /// Hands on what each direction of error does to one whitened observation.
+    /// Hands on what each direction of error does to one whitened observation, of whose centre overlap leaves
+    /// `hidden_px` open.
     pub(super) fn effects(
         &self,
         o: &PointObservation,
         by_camera: &SMatrix<f64, 2, CAMERA_PARAMETERS>,
         by_marker: &Matrix2x3<f64>,
+        hidden_px: &Vector2<f64>,
         mut add: impl FnMut(usize, Vector2<f64>),
     ) {
         let from_markers = CAMERA_PARAMETERS * self.cameras;
@@ -70,8 +72,15 @@ impl SystematicErrors {
                 add(c, effect);
             }
         }
-        if self.bias_px > 0.0 {
-            (0..2).for_each(|k| add(self.factor.ncols() + own + k, o.whitener.column(k) * self.bias_px));
-        }
+        let Some(bias_px) = self.bias_px else { return };
+        let spread = o.whitener * root_of_both(bias_px, hidden_px);
+        (0..2).for_each(|k| add(self.factor.ncols() + own + k, spread.column(k).into()));
     }
+}
+
+/// Symmetric root of the covariance of an error alike in all directions and of one along a direction.
+fn root_of_both(alike: f64, along: &Vector2<f64>) -> Matrix2<f64> {
+    let length = along.norm();
+    let unit = if length > 0.0 { along / length } else { Vector2::zeros() };
+    Matrix2::identity() * alike + unit * unit.transpose() * (alike.hypot(length) - alike)
 }
