@@ -12,6 +12,9 @@ use crate::{IdentifyError, student_quantile_975};
 use mavsight_model::{Derived, Unit};
 use nalgebra::{DMatrix, DVector};
 
+/// A parameter this near to a bound, in standard deviations, was stopped by it: steps towards a bound go a part of the way.
+const STOPPED: f64 = 1e-2;
+
 /// The fitted point, and the flight about it in rows of unit variance as far as `colour` explains them.
 pub(super) struct Solved<'a> {
     pub(super) fitter: Fitter<'a>,
@@ -35,6 +38,7 @@ pub(super) fn assemble(solved: &Solved<'_>) -> Result<OutputErrorFit, IdentifyEr
     let degrees = linear.places.len().saturating_sub(p + linear.tangent).max(1);
     let t = student_quantile_975(degrees);
     let sizes = typical_sizes(fitter);
+    let is_stopped = |parameter, std: f64| fitter.point.model.to_bound(parameter) < STOPPED * std;
     let fitted = |(k, parameter): (usize, &ModelParameter)| {
         let (value, std) = (fitter.point.model.value(*parameter), covariance[(k, k)].sqrt());
         FittedParameter {
@@ -46,7 +50,7 @@ pub(super) fn assemble(solved: &Solved<'_>) -> Result<OutputErrorFit, IdentifyEr
             bound_std: bound[(k, k)].sqrt(),
             ci_low: value - t * std,
             ci_high: value + t * std,
-            identifiable: t * std < sizes[k],
+            identifiable: t * std < sizes[k] && !is_stopped(*parameter, std),
         }
     };
     let parameters: Vec<FittedParameter> = fitter.free().iter().enumerate().map(fitted).collect();
@@ -58,6 +62,7 @@ pub(super) fn assemble(solved: &Solved<'_>) -> Result<OutputErrorFit, IdentifyEr
     let systematic = colour.map(|c| SystematicErrors { extent: c.extent(), share: c.correlated_share });
     let process_noise = process_noise(fitter);
     let mut notes = notes(&parameters, systematic, lag, uneven.is_some());
+    notes.extend(stopped(parameters.iter().filter(|p| is_stopped(p.parameter, p.std))));
     notes.extend(unmodelled(&process_noise));
     Ok(OutputErrorFit {
         parameters,
@@ -73,6 +78,18 @@ pub(super) fn assemble(solved: &Solved<'_>) -> Result<OutputErrorFit, IdentifyEr
         held_out: None,
         ahead: None,
         notes,
+    })
+}
+
+/// Parameters that a bound has stopped, in words.
+fn stopped<'a>(parameters: impl Iterator<Item = &'a FittedParameter>) -> Option<String> {
+    let names: Vec<&str> = parameters.map(|p| p.name.as_str()).collect();
+    (!names.is_empty()).then(|| {
+        format!(
+            "At a bound of the model's file, beyond which the flight asks for: {}. The interval of none of them holds, and the \
+             model lacks something or the bound is too narrow.",
+            names.join(", ")
+        )
     })
 }
 

@@ -240,9 +240,14 @@ impl FlightModel {
 
     /// Whether a parameter lies at a bound.
     pub(crate) fn is_at_bound(&self, parameter: ModelParameter) -> bool {
-        let ModelParameter::Parameter(k) = parameter else { return false };
+        self.to_bound(parameter) <= 0.0
+    }
+
+    /// How far a parameter is from the nearer of its bounds; infinite without bounds.
+    pub(crate) fn to_bound(&self, parameter: ModelParameter) -> f64 {
+        let ModelParameter::Parameter(k) = parameter else { return f64::INFINITY };
         let (value, p) = (self.values[k], &self.model.parameters[k]);
-        value <= p.min || value >= p.max
+        (value - p.min).min(p.max - value)
     }
 
     /// Whether all free parameters are finite and within their bounds.

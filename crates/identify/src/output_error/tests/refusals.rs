@@ -39,6 +39,24 @@ fn a_linkage_and_the_gains_behind_it_are_refused() {
     assert_eq!(names, ["C_X,alpha_u", "C_m,alpha_u", "K_u"]);
 }
 
+/// A real flight stopped a moment of inertia at zero and gave it an interval.
+#[test]
+fn a_parameter_that_its_bound_has_stopped_is_not_determined() {
+    let (mut vehicle, inputs, measured) = paper();
+    let text = include_str!("../../../../model/shelf/coaxial.toml").replace(
+        "value = 0.05, free = true, min = 2e-3",
+        "value = 0.03, free = true, min = 2e-3, max = 0.035",
+    );
+    vehicle.model = Arc::new(Model::parse("bounded", &text).expect("a model"));
+    vehicle.parameters.insert("tau_l".to_owned(), 0.03);
+    let model = FlightModel::new(&vehicle, &inputs).expect("a model");
+    let fit = output_error(&model, &inputs, &measured, &OutputErrorOptions::default()).expect("a fit");
+    let stopped = fit.parameter("tau_l").expect("a parameter");
+    assert!(!stopped.identifiable && stopped.value <= 0.035, "{stopped:?}");
+    assert!(fit.notes.iter().any(|n| n.contains("At a bound") && n.contains(": tau_l.")), "{:?}", fit.notes);
+    assert!(fit.parameter("C_m,alpha_l").expect("a parameter").identifiable);
+}
+
 #[test]
 fn inputs_that_end_early_are_refused() {
     let (vehicle, inputs, measured) = paper();

@@ -1,0 +1,130 @@
+//! Where in a log the turns between poses lie, roughly.
+
+use super::LEAST_TURNS;
+use super::turns::PoseTurn;
+use crate::gyroscope::{RateErrors, Turned};
+use crate::{GyroscopeSeries, InertialError};
+use mavsight_geometry::{Matrix3, UnitQuaternion, Vector3};
+
+/// A place of the log.
+pub(super) struct Start {
+    pub(super) offset_s: f64,
+    pub(super) body_from_sensor: UnitQuaternion<f64>,
+}
+
+/// Mean rates are compared over at least this, so that errors of single poses weigh little; an aircraft's turns take longer.
+const WINDOW_S: f64 = 0.1;
+/// Places are tried this far apart: a quarter of that.
+const STEP_S: f64 = 0.025;
+/// Places nearer than this are one.
+const APART_S: f64 = 0.5;
+/// Standard deviations by which the best place must be the better one: chance does so once in 700 flights.
+const DISTINCT: f64 = 3.0;
+
+/// A mean rate about body axes.
+struct MeanRate {
+    from_s: f64,
+    to_s: f64,
+    rate_rad_s: Vector3<f64>,
+}
+
+struct Correlated {
+    offset_s: f64,
+    /// Of body and sensor, over all axes and for the best attitude; 1 where they agree.
+    correlation: f64,
+    compared: usize,
+    body_from_sensor: UnitQuaternion<f64>,
+}
+
+/// The place of the largest correlation.
+///
+/// # Errors
+/// [`InertialError::TooFewPoses`], [`InertialError::TooQuiet`].
+pub(super) fn find(turns: &[PoseTurn], gyroscope: &GyroscopeSeries) -> Result<Start, InertialError> {
+    let rates = mean_rates(turns);
+    let errors = RateErrors { bias_rad_s: Vector3::zeros(), scale: Vector3::zeros() };
+    let turned = Turned::new(gyroscope, errors);
+    let times = gyroscope.times_ns();
+    let [log_from_s, log_to_s] = [times[0], times[times.len() - 1]].map(|t| t as f64 * 1e-9);
+    let (from_s, to_s) = rates.first().zip(rates.last()).map_or((0.0, 0.0), |(a, b)| (a.from_s, b.to_s));
+    let half_s = 0.5 * (to_s - from_s).min(log_to_s - log_from_s);
+    let first_s = log_from_s - to_s + half_s;
+    let places = ((log_to_s - from_s - half_s - first_s) / STEP_S).max(0.0) as usize;
+    let tried = (0..=places).filter_map(|k| correlated(&rates, &turned, first_s + k as f64 * STEP_S));
+    let mut tried: Vec<Correlated> = tried.collect();
+    tried.sort_by(|a, b| b.correlation.total_cmp(&a.correlation));
+    let Some(best) = tried.first() else {
+        return Err(InertialError::TooFewPoses { found: 0, least: LEAST_TURNS });
+    };
+    let other = tried.iter().find(|t| (t.offset_s - best.offset_s).abs() > APART_S);
+    // Fisher (1921): the inverse hyperbolic tangent of a correlation is normal, with variance 1/(n - 3).
+    let z = |c: &Correlated| {
+        c.correlation.clamp(-1.0, 1.0 - 1e-12).atanh() * (3.0 * c.compared as f64 - 3.0).sqrt()
+    };
+    let second = other.map_or(0.0, |o| o.correlation);
+    let ahead = z(best) - other.map_or(0.0, z);
+    if ahead < DISTINCT * std::f64::consts::SQRT_2 {
+        let squares: f64 = rates.iter().map(|r| r.rate_rad_s.norm_squared()).sum();
+        return Err(InertialError::TooQuiet {
+            turn_rms_rad_s: (squares / rates.len() as f64).sqrt(),
+            first_s: best.offset_s,
+            second_s: other.map_or(f64::NAN, |o| o.offset_s),
+            first: best.correlation,
+            second,
+        });
+    }
+    Ok(Start { offset_s: best.offset_s, body_from_sensor: best.body_from_sensor })
+}
+
+fn mean_rates(turns: &[PoseTurn]) -> Vec<MeanRate> {
+    let mut out: Vec<MeanRate> = Vec::new();
+    let mut open: Option<(f64, f64, UnitQuaternion<f64>)> = None;
+    for turn in turns {
+        let (from_s, turned) = match open.filter(|o| o.1 == turn.from_s) {
+            Some((from_s, _, turned)) => (from_s, turned * turn.turned),
+            None => (turn.from_s, turn.turned),
+        };
+        let span_s = turn.to_s - from_s;
+        open = (span_s < WINDOW_S).then_some((from_s, turn.to_s, turned));
+        if open.is_none() {
+            out.push(MeanRate { from_s, to_s: turn.to_s, rate_rad_s: turned.scaled_axis() / span_s });
+        }
+    }
+    out
+}
+
+/// The correlation at a place; none where fewer than half of the rates lie within the log.
+fn correlated(rates: &[MeanRate], turned: &Turned<'_>, offset_s: f64) -> Option<Correlated> {
+    let pair = |r: &MeanRate| {
+        let (from, to) = (turned.at(r.from_s + offset_s)?.0, turned.at(r.to_s + offset_s)?.0);
+        Some((r.rate_rad_s, (from.inverse() * to).scaled_axis() / (r.to_s - r.from_s)))
+    };
+    let pairs: Vec<(Vector3<f64>, Vector3<f64>)> = rates.iter().filter_map(pair).collect();
+    let n = pairs.len() as f64;
+    if 2 * pairs.len() < rates.len() || pairs.len() < LEAST_TURNS / 2 {
+        return None;
+    }
+    let mean = |of: fn(&(Vector3<f64>, Vector3<f64>)) -> Vector3<f64>| {
+        pairs.iter().map(of).sum::<Vector3<f64>>() / n
+    };
+    let (body, sensor) = (mean(|p| p.0), mean(|p| p.1));
+    let (mut cross, mut squares) = (Matrix3::zeros(), [0.0; 2]);
+    for (b, s) in &pairs {
+        let (b, s) = (b - body, s - sensor);
+        cross += b * s.transpose();
+        squares[0] += b.norm_squared();
+        squares[1] += s.norm_squared();
+    }
+    // The rotation of the largest trace (Wahba 1965; Kabsch 1976).
+    let svd = cross.svd(true, true);
+    let (u, v_t) = (svd.u?, svd.v_t?);
+    let sign = (u * v_t).determinant().signum();
+    let smallest = svd.singular_values.imin();
+    let mut signs = Vector3::repeat(1.0);
+    signs[smallest] = sign;
+    let rotation = u * Matrix3::from_diagonal(&signs) * v_t;
+    let correlation =
+        svd.singular_values.dot(&signs) / (squares[0] * squares[1]).sqrt().max(f64::MIN_POSITIVE);
+    let body_from_sensor = UnitQuaternion::from_matrix(&rotation);
+    Some(Correlated { offset_s, correlation, compared: pairs.len(), body_from_sensor })
+}
