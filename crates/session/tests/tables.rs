@@ -39,6 +39,7 @@ fn session(folder: &Folder) -> PathBuf {
         name: "test".into(),
         vehicle: "vehicle.toml".into(),
         inputs: "inputs.csv".into(),
+        log: None,
         sensors: None,
         model: None,
         truth: None,
