@@ -42,7 +42,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         for (number, (_, _, length, each)) in TOPICS.iter().enumerate() {
             if k.is_multiple_of(*each) {
                 let value = (1000.0 + (k % 1000) as f32).to_le_bytes();
-                let sample: Vec<u8> = value.iter().copied().cycle().take(*length).collect();
+                // Four outputs are used.
+                let mut sample: Vec<u8> = value.iter().copied().cycle().take((*length).min(20)).collect();
+                sample.resize(*length, 0);
                 log.sample(number as u16, 1250 * k, &sample);
             }
         }

@@ -72,6 +72,11 @@ pub(crate) struct Place {
 }
 
 impl Place {
+    /// Whether its numbers are exact in 32 bits, as floats.
+    pub(crate) fn is_single(self) -> bool {
+        self.scale == 1.0 && (self.kind.size() < 4 || self.kind == Kind::F32)
+    }
+
     pub(crate) fn number(self, record: &[u8]) -> f64 {
         self.kind.number(record, self.at) * self.scale
     }

@@ -15,6 +15,7 @@ mod roles;
 mod statistics;
 mod topic;
 mod ulog;
+mod values;
 mod window;
 
 pub use error::LogError;

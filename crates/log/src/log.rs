@@ -3,6 +3,7 @@
 use crate::error::{LogError, nearest};
 use crate::roles::{Role, Serves};
 use crate::topic::{LogFormat, Topic};
+use crate::values::Values;
 use crate::window::Window;
 use crate::{crazyflie, dataflash, recorder, ulog};
 use std::io::Read;
@@ -26,7 +27,7 @@ pub struct Log {
 }
 
 /// The samples of a topic, as they were logged.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct Stream {
     /// Name of the topic.
     pub name: String,
@@ -38,15 +39,31 @@ pub struct Stream {
     pub columns: Vec<Column>,
 }
 
-/// A field of a stream.
-#[derive(Debug, Clone, PartialEq)]
+/// A field of a stream: a number for each time, NaN where there is none.
+#[derive(Debug, Clone)]
 pub struct Column {
     /// Name as the log has it.
     pub name: String,
     /// Unit, where it is known.
     pub unit: Option<String>,
-    /// A value for each time; NaN where there is none.
-    pub values: Vec<f64>,
+    pub(crate) values: Values,
+}
+
+impl Column {
+    /// A field with its numbers.
+    pub fn new(name: &str, unit: Option<&str>, values: Vec<f64>) -> Self {
+        Self { name: name.to_owned(), unit: unit.map(str::to_owned), values: Values::Double(values) }
+    }
+
+    /// The number at a time, by the place of that in [`Stream::times_ns`]; NaN beyond the last.
+    pub fn value(&self, k: usize) -> f64 {
+        self.values.get(k).unwrap_or(f64::NAN)
+    }
+
+    /// All numbers, in the order of the times.
+    pub fn values(&self) -> impl Iterator<Item = f64> + '_ {
+        self.values.iter()
+    }
 }
 
 impl Log {

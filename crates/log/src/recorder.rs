@@ -5,6 +5,7 @@ use crate::log::{Column, Log, Stream, Wanted};
 use crate::roles;
 use crate::statistics::Intervals;
 use crate::topic::{Field, LogFormat, Topic};
+use crate::values::Values;
 use std::collections::HashMap;
 
 /// The topics of a log while it is read.
@@ -23,7 +24,7 @@ struct Recorded {
     /// Which fields are kept.
     kept: Vec<usize>,
     times_ns: Vec<i64>,
-    values: Vec<Vec<f64>>,
+    values: Vec<Values>,
     samples: u64,
     span_ns: Option<[i64; 2]>,
     intervals: Intervals,
@@ -48,7 +49,10 @@ impl<'a> Recorder<'a> {
         self.topics.push(Recorded {
             name: name.to_owned(),
             instance,
-            values: vec![Vec::new(); kept.len()],
+            values: kept
+                .iter()
+                .map(|k| Values::new(layout.places.get(*k).is_some_and(|p| p.is_single())))
+                .collect(),
             kept,
             layout,
             times_ns: Vec::new(),
@@ -66,7 +70,7 @@ impl<'a> Recorder<'a> {
         let Some(topic) = self.topics.get_mut(topic) else { return };
         for (values, field) in topic.values.iter_mut().zip(&topic.kept) {
             if let (Some(before), Some(now)) = (topic.layout.places.get(*field), layout.places.get(*field)) {
-                values.iter_mut().for_each(|value| *value *= now.scale / before.scale);
+                values.scale(now.scale / before.scale);
             }
         }
         topic.layout = layout.clone();
@@ -105,8 +109,8 @@ pub(crate) fn of_columns(format: LogFormat, name: &str, times_ns: &[i64], column
     let taken: Vec<bool> = times_ns.iter().map(|t_ns| topic.is_after(*t_ns)).collect();
     let rows = || (0..times_ns.len()).filter(|k| taken[*k]);
     topic.times_ns = rows().map(|k| times_ns[k]).collect();
-    let value = |column: &Column, k: usize| column.values.get(k).copied().unwrap_or(f64::NAN);
-    topic.values = columns.iter().map(|column| rows().map(|k| value(column, k)).collect()).collect();
+    let kept = |column: &Column| Values::Double(rows().map(|k| column.value(k)).collect());
+    topic.values = columns.iter().map(kept).collect();
     recorder.finish()
 }
 
@@ -129,7 +133,7 @@ impl Recorded {
         true
     }
 
-    fn finish(self, format: LogFormat, notes: &mut Vec<String>) -> Option<(Topic, Option<Stream>)> {
+    fn finish(mut self, format: LogFormat, notes: &mut Vec<String>) -> Option<(Topic, Option<Stream>)> {
         let [first_ns, last_ns] = self.span_ns?;
         if let Some([t_ns, before_ns]) = self.first_left_out_ns {
             let [t_s, before_s] = [t_ns, before_ns].map(|t| t as f64 * 1e-9);
@@ -140,9 +144,11 @@ impl Recorded {
             ));
         }
         let found = self.intervals.regularity();
+        self.times_ns.shrink_to_fit();
         let fields = roles::with_units(format, &self.name, &self.layout.fields);
-        let columns = self.kept.iter().zip(self.values).map(|(k, values)| {
+        let columns = self.kept.iter().zip(self.values).map(|(k, mut values)| {
             let Field { name, unit } = fields[*k].clone();
+            values.shrink();
             Column { name, unit, values }
         });
         let columns: Vec<Column> = columns.collect();

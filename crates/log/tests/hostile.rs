@@ -23,7 +23,7 @@ fn mutated_logs_end_with_a_log_or_an_error() {
                         log.topics.iter().filter_map(|t| log.stream(&t.name, Some(t.instance)).ok());
                     for stream in columns {
                         assert!(stream.times_ns.is_sorted_by(|a, b| a < b), "{name}: {}", stream.name);
-                        assert!(stream.columns.iter().all(|c| c.values.len() == stream.times_ns.len()));
+                        assert!(stream.columns.iter().all(|c| c.values().count() == stream.times_ns.len()));
                     }
                     read_in_part += 1;
                 }

@@ -53,8 +53,8 @@ fn compare(case: &str, format: LogFormat, file: &Path) -> usize {
         for (field, values) in columns {
             let own = stream.column(field).expect("the field");
             let values = values.as_array().expect("values");
-            assert_eq!(own.values.len(), values.len(), "{name} {field}");
-            let unlike = own.values.iter().zip(values).position(|(own, other)| !is_one(*own, other));
+            assert_eq!(own.values().count(), values.len(), "{name} {field}");
+            let unlike = own.values().zip(values).position(|(own, other)| !is_one(own, other));
             assert_eq!(unlike, None, "{name} {field}");
             if let Some(unit) = other["units"][field].as_str() {
                 let own = own.unit.as_deref().unwrap_or("").replace("m/s2", "m/s/s");
@@ -102,7 +102,7 @@ fn ulog_is_as_pyulog_reads_it() {
     assert_eq!((outputs.gaps, gap.length_ns, gap.at_ns), (1, 55_000_000, 2_095_300_000));
     assert!(log.notes[0].contains("lost data 1 times, 0.020 s"), "{:?}", log.notes);
     assert_eq!(
-        log.stream("esc_status", None).expect("the topic").column("esc[1].esc_rpm").expect("it").values[1],
+        log.stream("esc_status", None).expect("the topic").column("esc[1].esc_rpm").expect("it").value(1),
         5080.0
     );
 }
@@ -112,9 +112,9 @@ fn dataflash_is_as_pymavlink_reads_it() {
     let log = small("dataflash", LogFormat::Dataflash);
     let esc = log.stream("ESC", Some(1)).expect("the topic");
     let volt = esc.column("Volt").expect("it");
-    assert_eq!((volt.values[0], volt.unit.as_deref()), (11.5, Some("V")));
+    assert_eq!((volt.value(0), volt.unit.as_deref()), (11.5, Some("V")));
     let roll = log.stream("ATT", None).expect("the topic").column("Roll").expect("it");
-    assert_eq!((roll.values[0], roll.unit.as_deref()), (-12.34, Some("deg")));
+    assert_eq!((roll.value(0), roll.unit.as_deref()), (-12.34, Some("deg")));
 }
 
 #[test]

@@ -68,7 +68,7 @@ fn read_table(path: &Path, time: TableTime<'_>, wanted: &Wanted<'_>) -> Result<L
             _ => row.number(place),
         };
         let values = table.rows_if_any().map(number).collect::<Result<Vec<f64>, _>>().ok()?;
-        Some(Column { name: name.to_owned(), unit: units::of_name(name).map(str::to_owned), values })
+        Some(Column::new(name, units::of_name(name), values))
     });
     Ok(Log::of_table(TABLE_TOPIC, &times_ns, columns.collect()))
 }

@@ -4,10 +4,9 @@ use super::{Preset, TableTime, read_log, units};
 use crate::SessionError;
 use crate::foreign::Noted;
 use mavsight_flight::{InputSeries, Interpolation};
-use mavsight_log::{Column, Log, LogError};
+use mavsight_log::{Column, Log, LogError, Stream};
 use mavsight_model::Unit;
 use serde::{Deserialize, Serialize};
-use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 /// The log of a session, and which of its fields are inputs.
@@ -154,11 +153,11 @@ pub fn inputs_of(
             log.column(input.topic.as_deref(), input.instance, &input.field).map_err(refuse)?;
         let factor = factor(input, column, unit_of)
             .map_err(|detail| SessionError::value(path, format!("input {}", input.column), detail))?;
-        samples.push(Samples::of(&stream.times_ns, &column.values));
+        samples.push(Samples::of(stream, column));
         shifts.push((factor, input.offset));
-        let missing = column.values.iter().filter(|v| !v.is_finite()).count();
+        let missing = column.values().filter(|v| !v.is_finite()).count();
         if missing > 0 {
-            let count = column.values.len();
+            let count = stream.times_ns.len();
             notes.push(format!(
                 "{}: {missing} of {count} samples are no numbers, and are left out",
                 input.column
@@ -182,7 +181,7 @@ fn drop_unused(log: &Log, inputs: &mut Vec<LogInput>, notes: &mut Vec<String>) {
         let Ok((_, column)) = log.column(input.topic.as_deref(), input.instance, &input.field) else {
             return true;
         };
-        let is_used = column.values.iter().any(|v| v.is_finite() && *v != 0.0);
+        let is_used = column.values().any(|v| v.is_finite() && v != 0.0);
         if !is_used {
             unused.push(input.column.clone());
         }
@@ -222,26 +221,39 @@ fn factor(input: &LogInput, column: &Column, unit_of: &UnitOf<'_>) -> Result<f64
 
 /// The samples of an input that are numbers, while they are merged with those of others.
 struct Samples<'a> {
-    times_ns: Cow<'a, [i64]>,
-    values: Cow<'a, [f64]>,
-    /// The sample that holds.
+    times_ns: &'a [i64],
+    column: &'a Column,
+    /// Which samples are numbers, where not all are.
+    numbers: Option<Vec<usize>>,
+    /// The sample that holds, of those that are numbers.
     at: usize,
 }
 
 impl<'a> Samples<'a> {
-    fn of(times_ns: &'a [i64], values: &'a [f64]) -> Self {
-        if values.iter().all(|v| v.is_finite()) {
-            return Self { times_ns: times_ns.into(), values: values.into(), at: 0 };
-        }
-        let numbers = times_ns.iter().zip(values).filter(|(_, v)| v.is_finite()).map(|(t, v)| (*t, *v));
-        let (times_ns, values): (Vec<i64>, Vec<f64>) = numbers.unzip();
-        Self { times_ns: times_ns.into(), values: values.into(), at: 0 }
+    fn of(stream: &'a Stream, column: &'a Column) -> Self {
+        let numbers = column.values().any(|v| !v.is_finite()).then(|| {
+            let numbers = column.values().enumerate().filter(|(_, value)| value.is_finite());
+            numbers.map(|(k, _)| k).collect()
+        });
+        Self { times_ns: &stream.times_ns, column, numbers, at: 0 }
+    }
+
+    /// Time and value of a sample, of those that are numbers.
+    fn sample(&self, k: usize) -> Option<(i64, f64)> {
+        let k = self.numbers.as_ref().map_or(Some(k), |numbers| numbers.get(k).copied())?;
+        Some((*self.times_ns.get(k)?, self.column.value(k)))
+    }
+
+    /// Times of the first and the last.
+    fn span_ns(&self) -> Option<[i64; 2]> {
+        let last = self.numbers.as_ref().map_or(self.times_ns.len(), Vec::len).checked_sub(1)?;
+        Some([self.sample(0)?.0, self.sample(last)?.0])
     }
 
     /// Goes on to the sample that holds at a time; the time of the next.
     fn advance(&mut self, t_ns: i64) -> Option<i64> {
         loop {
-            let next_ns = *self.times_ns.get(self.at + 1)?;
+            let (next_ns, _) = self.sample(self.at + 1)?;
             if next_ns > t_ns {
                 return Some(next_ns);
             }
@@ -251,11 +263,11 @@ impl<'a> Samples<'a> {
 
     /// The value at a time at or after that of the sample that holds.
     fn value(&self, t_ns: i64, interpolation: Interpolation) -> f64 {
-        let (from_ns, from) = (self.times_ns[self.at], self.values[self.at]);
-        match (interpolation, self.times_ns.get(self.at + 1)) {
-            (Interpolation::Linear, Some(next_ns)) => {
+        let Some((from_ns, from)) = self.sample(self.at) else { return f64::NAN };
+        match (interpolation, self.sample(self.at + 1)) {
+            (Interpolation::Linear, Some((next_ns, next))) => {
                 let share = (t_ns - from_ns) as f64 / (next_ns - from_ns) as f64;
-                from + (self.values[self.at + 1] - from) * share
+                from + (next - from) * share
             }
             _ => from,
         }
@@ -273,11 +285,11 @@ fn merged(
 ) -> Result<Rows, (usize, String)> {
     let (mut start_ns, mut end) = (i64::MIN, (i64::MAX, 0));
     for (k, samples) in all.iter().enumerate() {
-        let [Some(first_ns), Some(last_ns)] = [samples.times_ns.first(), samples.times_ns.last()] else {
+        let Some([first_ns, last_ns]) = samples.span_ns() else {
             return Err((k, "its field has no sample that is a number: name another".to_owned()));
         };
-        start_ns = start_ns.max(*first_ns);
-        end = end.min((*last_ns, k));
+        start_ns = start_ns.max(first_ns);
+        end = end.min((last_ns, k));
     }
     if start_ns >= end.0 {
         let [from_s, to_s] = [start_ns, end.0].map(|t| t as f64 * 1e-9);
@@ -286,7 +298,8 @@ fn merged(
         );
         return Err((end.1, detail));
     }
-    let (mut times_s, mut values) = (Vec::new(), Vec::new());
+    let rows = all.iter().map(|samples| samples.times_ns.len()).max().unwrap_or(0);
+    let (mut times_s, mut values) = (Vec::with_capacity(rows), Vec::with_capacity(rows * all.len()));
     let mut t_ns = Some(start_ns);
     while let Some(now_ns) = t_ns.filter(|t| *t <= end.0) {
         t_ns = all.iter_mut().filter_map(|samples| samples.advance(now_ns)).min();
