@@ -100,11 +100,14 @@ pub fn run(
     options: &Options<'_>,
     progress: &dyn Progress,
 ) -> Result<RunResults, EngineError> {
-    let (inputs, sensors) = (recorded_inputs(session)?, recorded_sensors(session)?);
+    let (inputs, sensors) = (input(session.noted_inputs())?, recorded_sensors(session)?);
+    let (inputs, notes) = inputs.map_or((None, Vec::new()), |inputs| (Some(inputs.value), inputs.notes));
     let rig = calibrate(session, progress)?;
     let tracked = track(session, rig, progress)?;
     let flight = Flight::of_session(session, inputs.as_ref(), options)?.with_sensors(sensors.as_ref());
-    solve(&flight, tracked, options.results_folder, progress)
+    let mut results = solve(&flight, tracked, options.results_folder, progress)?;
+    results.notes.extend(notes);
+    Ok(results)
 }
 
 /// Smooths the poses of a tracked flight into motion and identifies its parameters. Where a folder for the

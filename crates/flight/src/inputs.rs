@@ -1,6 +1,7 @@
 //! Recorded inputs over time.
 
 use crate::FlightError;
+use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -16,6 +17,24 @@ pub struct InputSeries {
     /// Row after row.
     values: Vec<f64>,
 }
+
+/// How an input goes from one sample to the next.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Interpolation {
+    /// It holds, as a command does.
+    #[default]
+    Hold,
+    /// It moves on a line, as what is measured does.
+    Linear,
+}
+
+/// Rows that take the place of a line are at most so far apart: of a motion of 10 Hz, faster than small
+/// aircraft follow their inputs, they pass the amplitude but for (pi f h)²/6, one in a thousand.
+const LINE_STEP_S: f64 = 2.5e-3;
+
+/// Rows that take the place of one line at most: over a gap, a line is a guess however it is divided.
+const MOST_LINE_STEPS: f64 = 16.0;
 
 /// By how much a time may lie outside the record: what is lost where times are written in microseconds.
 const ROUNDING_S: f64 = 1e-6;
@@ -66,6 +85,48 @@ impl InputSeries {
             before_s = t_s;
         }
         Ok(series)
+    }
+
+    /// The same of samples between which some columns move on lines: a line becomes rows that hold its mean
+    /// over their interval, so that everything that reads rows has its integral and no delay. Where all
+    /// columns hold, the rows are the samples.
+    ///
+    /// `interpolation` has one for each name, and what it lacks holds.
+    ///
+    /// # Errors
+    /// Those of [`InputSeries::new`] of the samples.
+    pub fn interpolated(
+        names: impl Into<Arc<[String]>>,
+        times_s: Vec<f64>,
+        values: Vec<f64>,
+        interpolation: &[Interpolation],
+    ) -> Result<Self, FlightError> {
+        let samples = Self::new(names, times_s, values)?;
+        let is_line = |column: usize| interpolation.get(column) == Some(&Interpolation::Linear);
+        if !(0..samples.names.len()).any(is_line) {
+            return Ok(samples);
+        }
+        let (mut times_s, mut values) = (Vec::new(), Vec::new());
+        for (k, pair_s) in samples.times_s.windows(2).enumerate() {
+            let (from, to) = (samples.row(k), samples.row(k + 1));
+            let interval_s = pair_s[1] - pair_s[0];
+            let steps = (interval_s / LINE_STEP_S - 1e-6).ceil().clamp(1.0, MOST_LINE_STEPS);
+            for step in 0..steps as usize {
+                let begin_s = pair_s[0] + interval_s * step as f64 / steps;
+                // Steps that are shorter than times resolve are one.
+                if times_s.last().is_some_and(|before_s| *before_s >= begin_s) {
+                    continue;
+                }
+                times_s.push(begin_s);
+                let middle = (step as f64 + 0.5) / steps;
+                let value =
+                    |(c, (a, b)): (usize, (&f64, &f64))| if is_line(c) { a + (b - a) * middle } else { *a };
+                values.extend(from.iter().zip(to).enumerate().map(value));
+            }
+        }
+        times_s.push(samples.end_s());
+        values.extend_from_slice(samples.row(samples.times_s.len() - 1));
+        Self::new(samples.names, times_s, values)
     }
 
     /// Names of the columns.
@@ -186,6 +247,27 @@ mod tests {
                 && series.covered(&times_ns[9..], |t| *t).is_empty()
         );
         assert!(matches!(series.require(-1.0), Err(FlightError::InputsDoNotCover { .. })));
+    }
+
+    #[test]
+    fn lines_keep_their_integral_and_what_holds_holds() {
+        let (times_s, values) = ([0.0, 0.01, 0.012], [1.0, 5.0, 3.0, 6.0, 7.0, 7.0]);
+        let both = [Interpolation::Linear, Interpolation::Hold];
+        let series =
+            InputSeries::interpolated(names(&["speed", "flap"]), times_s.to_vec(), values.to_vec(), &both);
+        let series = series.expect("valid");
+        assert_eq!(series.times_s(), [0.0, 0.0025, 0.005, 0.0075, 0.01, 0.012]);
+        assert_eq!(series.column("speed").expect("it"), [1.25, 1.75, 2.25, 2.75, 5.0, 7.0]);
+        assert_eq!(series.column("flap").expect("it"), [5.0, 5.0, 5.0, 5.0, 6.0, 7.0]);
+        let steps = series.times_s().windows(2).zip(series.column("speed").expect("it"));
+        let integral: f64 = steps.map(|(pair_s, value)| (pair_s[1] - pair_s[0]) * value).sum();
+        assert!((integral - (0.01 * 2.0 + 0.002 * 5.0)).abs() < 1e-15);
+        let held =
+            InputSeries::interpolated(names(&["speed"]), vec![0.0, 1e9], vec![1.0, 2.0], &[]).expect("valid");
+        assert_eq!(held.times_s(), [0.0, 1e9]);
+        let far = InputSeries::interpolated(names(&["speed"]), vec![0.0, 1e9], vec![1.0, 2.0], &both)
+            .expect("valid");
+        assert_eq!(far.times_s().len(), 17);
     }
 
     #[test]

@@ -11,6 +11,6 @@ mod vehicle;
 
 pub use color::Color;
 pub use error::FlightError;
-pub use inputs::InputSeries;
+pub use inputs::{InputSeries, Interpolation};
 pub use sensors::SensorSeries;
 pub use vehicle::{Environment, Marker, Vehicle, VehicleFile};

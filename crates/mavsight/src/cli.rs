@@ -2,10 +2,12 @@
 
 mod convert;
 mod live;
+mod log;
 mod plan;
 
 pub(crate) use convert::{Convert, Format, Up};
 pub(crate) use live::Live;
+pub(crate) use log::ReadLog;
 pub(crate) use plan::{Campaign, Criterion, Plan, PlanCameras, PlanManoeuvre};
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -47,6 +49,8 @@ pub(crate) enum Command {
     Report(Stage),
     /// Turn cameras, trajectories, tracked points and tables into other programs' formats, and back
     Convert(Convert),
+    /// List what the aircraft's own log holds: topics, rates, gaps, units, and what they can serve as
+    Log(ReadLog),
     /// Fly a rig many times on paper: do the 95 % intervals hold the truth?
     Selftest(Selftest),
     /// What to expect before flying: where to put cameras, which manoeuvre to fly

@@ -14,6 +14,7 @@ mod live_links;
 mod live_page;
 mod live_sources;
 mod live_virtual;
+mod log;
 mod manoeuvre;
 mod plan;
 mod run;
@@ -37,6 +38,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         Command::Identify(args) => identify::identify(args),
         Command::Report(args) => stages::report(args),
         Command::Convert(args) => convert::convert(args),
+        Command::Log(args) => log::log(args),
         Command::Selftest(args) => selftest::selftest(args),
         Command::Plan(Plan::Cameras(args)) => plan::cameras(args),
         Command::Plan(Plan::Manoeuvre(args)) => manoeuvre::manoeuvre(args),

@@ -18,6 +18,7 @@ pub use mavsight_geometry as geometry;
 pub use mavsight_identify as identify;
 pub use mavsight_link as link;
 pub use mavsight_live as live;
+pub use mavsight_log as log;
 #[cfg(feature = "page")]
 pub use mavsight_page as page;
 pub use mavsight_pipeline as pipeline;

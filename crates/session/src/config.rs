@@ -3,6 +3,8 @@
 use crate::error::read_text;
 use crate::error::require_file;
 use crate::files::{read_toml, write_toml, write_whole};
+use crate::foreign::Noted;
+use crate::logs::{read_log_inputs, unit_by_model};
 use crate::session_file::{SessionCamera, SessionFile, is_empty, validate};
 use crate::video::{FrameSource, find_clap, is_pattern};
 use crate::{SessionError, read_image, read_rig, tables};
@@ -113,10 +115,18 @@ impl Session {
         cameras.get(camera).ok_or_else(|| SessionError::value(&self.path, "camera", missing()))
     }
 
-    /// Reads the inputs; none where the session has no table of them.
+    /// Reads the inputs, from their table or from the log; none where the session names none.
     pub fn inputs(&self) -> Result<Option<InputSeries>, SessionError> {
+        Ok(self.noted_inputs()?.map(|inputs| inputs.value))
+    }
+
+    /// [`Session::inputs`], with what was left out of a log.
+    pub fn noted_inputs(&self) -> Result<Option<Noted<InputSeries>>, SessionError> {
+        if let Some(log) = self.file.log.as_ref().filter(|log| log.has_inputs()) {
+            return read_log_inputs(log, &unit_by_model(&self.vehicle.model)).map(Some);
+        }
         let path = Some(&self.file.inputs).filter(|path| !is_empty(path));
-        path.map(|path| tables::read_inputs(path, &self.vehicle)).transpose()
+        path.map(|path| tables::read_inputs(path, &self.vehicle).map(Noted::plain)).transpose()
     }
 
     /// Reads the samples of the model's sensors; none where the session has no table of them.

@@ -5,6 +5,7 @@ mod decimal;
 mod error;
 mod files;
 pub mod foreign;
+pub mod logs;
 #[cfg(feature = "parquet")]
 mod parquet_rows;
 pub mod results;

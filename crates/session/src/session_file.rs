@@ -2,6 +2,7 @@
 
 mod validate;
 
+use crate::logs::LogSection;
 use mavsight_link::LiveSection;
 use mavsight_pipeline::{Board, Refinement, WandBall};
 use serde::{Deserialize, Serialize};
@@ -25,6 +26,8 @@ pub struct SessionFile {
     /// Table of inputs; left out or empty: there is none, and no parameters are estimated.
     #[serde(default, skip_serializing_if = "is_empty")]
     pub inputs: PathBuf,
+    /// The aircraft's own log, of which fields may be inputs.
+    pub log: Option<LogSection>,
     /// Table of samples of the sensors that the flight model describes.
     pub sensors: Option<PathBuf>,
     /// Table of truth, for scoring only.
@@ -65,6 +68,7 @@ impl SessionFile {
         };
         let own = [
             ("inputs", Some(&mut self.inputs)),
+            ("log.file", self.log.as_mut().map(|log| &mut log.file)),
             ("sensors", self.sensors.as_mut()),
             ("truth", self.truth.as_mut()),
             ("model", self.model.as_mut()),

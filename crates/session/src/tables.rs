@@ -8,7 +8,7 @@ use mavsight_pipeline::{ControlPixel, ControlPointRow};
 use std::path::Path;
 
 /// Column of the times.
-const TIME_COLUMN: &str = "t_s";
+pub(crate) const TIME_COLUMN: &str = "t_s";
 
 const CONTROL_COLUMNS: [&str; 6] = ["name", "x_m", "y_m", "z_m", "diameter_m", "color"];
 

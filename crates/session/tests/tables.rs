@@ -39,6 +39,7 @@ fn session(folder: &Folder) -> PathBuf {
         name: "test".into(),
         vehicle: "vehicle.toml".into(),
         inputs: "inputs.csv".into(),
+        log: None,
         sensors: None,
         model: None,
         truth: None,
@@ -102,6 +103,35 @@ fn what_is_written_is_read() {
         assert!(values && (got.times_s()[k] - want.times_s()[k]).abs() < 1e-12);
     }
     assert_eq!(load_vehicle(&folder.path("vehicle.toml")).unwrap(), Vehicle::paper());
+}
+
+#[test]
+fn a_session_takes_its_inputs_from_a_log() {
+    let folder = Folder::new();
+    let path = session(&folder);
+    let text = std::fs::read_to_string(&path).unwrap();
+    let map = inputs()
+        .names()
+        .iter()
+        .map(|c| format!("{{ column = \"{c}\", field = \"{c}\" }}"))
+        .collect::<Vec<_>>();
+    let log = format!("log = {{ file = \"inputs.csv\", input = [{}] }}", map.join(", "));
+    let with = |log: &str| folder.write("session.toml", text.replacen("inputs = \"inputs.csv\"", log, 1));
+    with(&log);
+    let got = Session::load(&path).unwrap().inputs().unwrap().unwrap();
+    assert_eq!((got.names(), got.times_s().len(), got.row(7)), (inputs().names(), 30, inputs().row(7)));
+    let refusal = |log: &str| {
+        with(log);
+        Session::load(&path).unwrap_err().to_string()
+    };
+    has(
+        &refusal(&format!("inputs = \"inputs.csv\"\n{log}")),
+        &["session.toml: inputs", "leave one of them out"],
+    );
+    has(&refusal("log = { file = \"none.ulg\" }"), &["none.ulg", "log.file in"]);
+    has(&refusal("log = { file = \"inputs.csv\", preset = \"px5\" }"), &["px5", "px4-motors"]);
+    let twice = log.replace("column = \"omega_l_rad_s\"", "column = \"omega_u_rad_s\"");
+    has(&refusal(&twice), &["log.input 2: column", "taken"]);
 }
 
 #[test]

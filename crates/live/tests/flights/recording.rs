@@ -26,6 +26,7 @@ fn session(at: &Path) -> SessionFile {
         name: "recorded".into(),
         vehicle: at.join("vehicle.toml"),
         inputs: "".into(),
+        log: None,
         sensors: None,
         truth: None,
         model: None,

@@ -18,6 +18,7 @@ use mavsight_session::foreign::poses::{
     TimedPose, Trajectory, read_pose_table, read_trajectory, write_pose_table, write_trajectory,
 };
 use mavsight_session::foreign::{CameraOptions, Noted, argus, c3d, dltdv, kalibr, opencv, ros, trc};
+use mavsight_session::logs::{LogSection, read_log_inputs, unit_by_model};
 use mavsight_session::{
     RunResults, SessionError, cameras_of, load_equations, load_vehicle, read_rig, tables,
     write_control_points, write_markers, write_rig, write_vehicle, write_whole,
@@ -38,6 +39,7 @@ pub(crate) fn convert(args: &Convert) -> Result<()> {
     let (from, to) = formats(&args.input, &args.output, args.from, args.to, args.vehicle.is_some())?;
     let call = Call { args, from, to, body: body(args)? };
     let notes = match (from.kind(), to.kind()) {
+        (Kind::Log, Kind::Table) if to == Format::Csv => log_inputs(args)?,
         (_, Kind::Table) => call.table()?,
         (Kind::Poses | Kind::Paths, Kind::Poses | Kind::Paths) => call.content()?,
         (from, to) if from == to => call.content()?,
@@ -57,6 +59,31 @@ pub(crate) fn convert(args: &Convert) -> Result<()> {
     }
     outln!("{}", args.output.display());
     Ok(())
+}
+
+/// Writes the inputs of a log; notes of what was left out.
+fn log_inputs(args: &Convert) -> Result<Vec<String>> {
+    let section = LogSection {
+        file: args.input.clone(),
+        preset: args.preset,
+        instance: args.instance,
+        time: args.time.clone(),
+        time_unit: args.time_unit,
+        input: args.input_of_log.clone(),
+    };
+    if !section.has_inputs() {
+        let path = args.input.display();
+        let message = format!(
+            "{path}: which fields are inputs? Give --preset or --input; `mavsight log {path}` lists them"
+        );
+        return Err(WrongCall(message).into());
+    }
+    let vehicle = args.vehicle.as_deref().map(load_vehicle).transpose();
+    let vehicle = named(vehicle)?;
+    let unit_of = |column: &str| vehicle.as_ref().and_then(|v| unit_by_model(&v.model)(column));
+    let Noted { value, notes } = named(read_log_inputs(&section, &unit_of))?;
+    named(tables::write_inputs(&args.output, &value))?;
+    Ok(notes)
 }
 
 fn name_of(format: Format) -> String {
@@ -187,7 +214,9 @@ impl Call<'_> {
             Format::Kalibr => noted(kalibr::read(path, &cameras), Content::Cameras),
             Format::Vehicle => plain(earlier_vehicle(path)?, Content::Vehicle),
             Format::Equations => plain(earlier_equations(path)?, Content::Equations),
-            Format::Rig | Format::Csv | Format::Parquet => plain(read_rig(path), Content::Cameras),
+            Format::Rig | Format::Csv | Format::Parquet | Format::Log => {
+                plain(read_rig(path), Content::Cameras)
+            }
         })?;
         if let Content::Paths(paths) = &mut read.value
             && self.from != Format::Paths

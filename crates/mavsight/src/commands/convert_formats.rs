@@ -1,6 +1,7 @@
 //! Which format a file has, by its name and by its first lines.
 
 use crate::cli::{Format, WrongCall};
+use mavsight_log::Log;
 use std::io::Read;
 use std::path::Path;
 
@@ -18,6 +19,8 @@ pub(super) enum Kind {
     Vehicle,
     /// Equation files of schema 1.
     Equations,
+    /// Logs of aircraft.
+    Log,
 }
 
 impl Kind {
@@ -30,7 +33,7 @@ impl Kind {
             Self::Paths => Some(Format::Paths),
             Self::Pixels => Some(Format::Markers),
             Self::Control => Some(Format::Control),
-            Self::Offsets | Self::Table | Self::Vehicle | Self::Equations => None,
+            Self::Offsets | Self::Table | Self::Vehicle | Self::Equations | Self::Log => None,
         }
     }
 }
@@ -47,6 +50,7 @@ impl Format {
             Self::Csv | Self::Parquet => Kind::Table,
             Self::Vehicle => Kind::Vehicle,
             Self::Equations => Kind::Equations,
+            Self::Log => Kind::Log,
         }
     }
 
@@ -59,6 +63,7 @@ impl Format {
             "trc" => Self::Trc,
             "c3d" => Self::C3d,
             "parquet" => Self::Parquet,
+            "ulg" => Self::Log,
             "tum" => Self::Tum,
             "csv" | "tsv" if has("xyzpts") => Self::Xyzpts,
             "csv" | "tsv" if has("xypts") => Self::Xypts,
@@ -84,6 +89,9 @@ impl Format {
     fn by_content(path: &Path) -> Option<Self> {
         let mut head = Vec::new();
         std::fs::File::open(path).ok()?.take(4096).read_to_end(&mut head).ok()?;
+        if Log::is_one(&head) {
+            return Some(Self::Log);
+        }
         let head = String::from_utf8_lossy(&head);
         let has = |part: &str| head.contains(part);
         let first = head.lines().next().unwrap_or("");
@@ -121,6 +129,14 @@ pub(super) fn formats(
     };
     let ends_in =
         |path: &Path, extension: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension));
+    let is_log = || Format::by_content(input).or_else(|| Format::by_name(input)) == Some(Format::Log);
+    if from == Some(Format::Log) || (from.is_none() && is_log()) {
+        return Ok((
+            Format::Log,
+            to.or_else(|| ends_in(output, "csv").then_some(Format::Csv))
+                .ok_or_else(|| unknown(output, "--to"))?,
+        ));
+    }
     // A table of any kind goes to and from Parquet as it is.
     if to == Some(Format::Parquet) || (to.is_none() && ends_in(output, "parquet")) {
         return Ok((from.unwrap_or(Format::Csv), Format::Parquet));

@@ -36,6 +36,11 @@ pub(crate) fn validate(file: &SessionFile, path: &Path) -> Result<(), SessionErr
     checks.require(file.schema == SESSION_SCHEMA, "schema", detail)?;
     let detail = format!("{} found, but a pose needs at least 2: add [[camera]] sections", file.camera.len());
     checks.require(file.camera.len() >= 2, "camera", detail)?;
+    if let Some(log) = &file.log {
+        log.validate(path)?;
+        let detail = "is given, and the [log] has inputs too: leave one of them out";
+        checks.require(is_empty(&file.inputs) || !log.has_inputs(), "inputs", detail)?;
+    }
     let refine = file.refine.unwrap_or_default();
     let detail = "is not above zero: a ruler is good to 0.001 or 0.002";
     checks.number(refine.markers_std_m, is_length, "refine.markers_std_m", detail)?;

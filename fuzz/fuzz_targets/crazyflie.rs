@@ -1,0 +1,10 @@
+//! The reader of the Crazyflie's usdlog, from behind the first bytes.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use mavsight_log::Log;
+
+fuzz_target!(|rest: &[u8]| {
+    let bytes = [&b"\xbc\x02\x00"[..], rest].concat();
+    drop(Log::read(&mut &bytes[..], &|_, _, _| true));
+});
