@@ -1,5 +1,6 @@
 //! From poses to motion and parameters.
 
+use crate::log_clock::{OnPoseClock, on_clock_of_poses};
 use crate::parts::{held_long, longest_without_gap, part_covered, part_without_gap, with_part};
 use crate::weight::mass_in_grams;
 use crate::{EngineError, Flight};
@@ -59,6 +60,17 @@ pub fn identify_from_motion(
         results.motion = Some(motion);
         results.notes.push("No parameters: the session names no inputs.".to_owned());
         return Ok(());
+    };
+    let own_clock = flight.gyroscope.filter(|_| flight.options.lag_s.is_none() && !results.poses.is_empty());
+    let moved = own_clock.map(|gyroscope| on_clock_of_poses(&results.poses, gyroscope, recorded));
+    results.notes.extend(moved.iter().map(|moved| moved.note.clone()));
+    let recorded = match &moved {
+        Some(OnPoseClock { inputs: None, .. }) => {
+            results.motion = Some(motion);
+            return Ok(());
+        }
+        Some(OnPoseClock { inputs: Some(inputs), .. }) => inputs,
+        None => recorded,
     };
     let weight = mass_in_grams(&motion, recorded, flight.vehicle);
     results.notes.extend(weight.iter().map(|finding| finding.note.clone()));

@@ -8,6 +8,7 @@ use mavsight_identify::EquationFile;
 use mavsight_identify::output_error::{MotionFits, fitted_stretch_s};
 use mavsight_pipeline::{IdentifyOptions, Progress, motion_of, systematic_columns};
 use mavsight_pose::{MarkerObservation, PoseEstimate};
+use mavsight_session::logs::LogGyroscope;
 use mavsight_session::{RunResults, Session, write_markers_early};
 use std::path::Path;
 
@@ -38,6 +39,8 @@ pub struct Flight<'a> {
     pub inputs: Option<&'a InputSeries>,
     /// Samples of the model's sensors, where there are any.
     pub sensors: Option<&'a SensorSeries>,
+    /// The gyroscope of the log that the inputs are of, where they are of one: it gives the log's clock.
+    pub gyroscope: Option<&'a LogGyroscope>,
     /// How parameters are estimated.
     pub options: IdentifyOptions,
 }
@@ -63,13 +66,19 @@ impl<'a> Flight<'a> {
         identify.fit.held_out_s = options.held_out_s;
         identify.search = options.search;
         let (name, vehicle) = (&session.file.name, &session.vehicle);
-        Ok(Self { name, vehicle, inputs, sensors: None, options: identify })
+        Ok(Self { name, vehicle, inputs, sensors: None, gyroscope: None, options: identify })
     }
 
     /// This flight with samples of the model's sensors, as [`recorded_sensors`] reads them.
     #[must_use]
     pub fn with_sensors(self, sensors: Option<&'a SensorSeries>) -> Self {
         Self { sensors, ..self }
+    }
+
+    /// This flight with the gyroscope of the log that its inputs are of, as [`log_gyroscope`] reads it.
+    #[must_use]
+    pub fn with_gyroscope(self, gyroscope: Option<&'a LogGyroscope>) -> Self {
+        Self { gyroscope, ..self }
     }
 }
 
@@ -89,6 +98,14 @@ pub fn recorded_sensors(session: &Session) -> Result<Option<SensorSeries>, Engin
     input(session.sensors())
 }
 
+/// The gyroscope of a session's log, where it has any.
+///
+/// # Errors
+/// A log that is wrong.
+pub fn log_gyroscope(session: &Session) -> Result<Option<LogGyroscope>, EngineError> {
+    input(session.log_gyroscope())
+}
+
 /// Carries a recorded session through all stages: cameras, observations, poses, motion and parameters, each
 /// with its uncertainty, and notes on what could not be had.
 ///
@@ -101,10 +118,13 @@ pub fn run(
     progress: &dyn Progress,
 ) -> Result<RunResults, EngineError> {
     let (inputs, sensors) = (input(session.noted_inputs())?, recorded_sensors(session)?);
+    let gyroscope = log_gyroscope(session)?;
     let (inputs, notes) = inputs.map_or((None, Vec::new()), |inputs| (Some(inputs.value), inputs.notes));
     let rig = calibrate(session, progress)?;
     let tracked = track(session, rig, progress)?;
-    let flight = Flight::of_session(session, inputs.as_ref(), options)?.with_sensors(sensors.as_ref());
+    let flight = Flight::of_session(session, inputs.as_ref(), options)?
+        .with_sensors(sensors.as_ref())
+        .with_gyroscope(gyroscope.as_ref());
     let mut results = solve(&flight, tracked, options.results_folder, progress)?;
     results.notes.extend(notes);
     Ok(results)

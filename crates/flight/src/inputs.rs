@@ -129,6 +129,15 @@ impl InputSeries {
         Self::new(samples.names, times_s, values)
     }
 
+    /// These rows at other times, such as those of another clock.
+    ///
+    /// # Errors
+    /// A time that is not finite or does not increase.
+    pub fn at_times(&self, time_s: impl Fn(f64) -> f64) -> Result<Self, FlightError> {
+        let times_s = self.times_s.iter().map(|t_s| time_s(*t_s)).collect();
+        Self::new(self.names.clone(), times_s, self.values.clone())
+    }
+
     /// Names of the columns.
     pub fn names(&self) -> &[String] {
         &self.names

@@ -27,7 +27,7 @@ const DRIFT_STD: f64 = 1e-4;
 const BIAS_STD_RAD_S: f64 = 0.05;
 /// Tolerance of its sensitivity: 1 % (BMI088) to 3 % (MPU-6000).
 const SCALE_STD: f64 = 0.02;
-/// A turn of the sensor about an axis about which the aircraft does not turn stays as unknown as a right angle.
+/// A turn of the sensor about an axis about which the aircraft does not turn is unknown by as much as a right angle.
 const TURN_STD_RAD: f64 = std::f64::consts::FRAC_PI_2;
 
 /// Fewer pairs of poses than this leave no room beside the unknowns.

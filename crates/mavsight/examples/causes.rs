@@ -278,6 +278,7 @@ fn found(place: &Place, rig: &Rig, handed: &Handed) -> (Vec<Finding>, Vec<String
         vehicle: &handed.vehicle,
         inputs: Some(&place.inputs),
         sensors: None,
+        gyroscope: None,
         options,
     };
     let findings = tracked.findings.clone();

@@ -4,7 +4,7 @@ use crate::error::read_text;
 use crate::error::require_file;
 use crate::files::{read_toml, write_toml, write_whole};
 use crate::foreign::Noted;
-use crate::logs::{read_log_inputs, unit_by_model};
+use crate::logs::{LogGyroscope, read_log_gyroscope, read_log_inputs, unit_by_model};
 use crate::session_file::{SessionCamera, SessionFile, is_empty, validate};
 use crate::video::{FrameSource, find_clap, is_pattern};
 use crate::{SessionError, read_image, read_rig, tables};
@@ -127,6 +127,11 @@ impl Session {
         }
         let path = Some(&self.file.inputs).filter(|path| !is_empty(path));
         path.map(|path| tables::read_inputs(path, &self.vehicle).map(Noted::plain)).transpose()
+    }
+
+    /// Reads the gyroscope of the session's log; none where it names no log, or one without a gyroscope.
+    pub fn log_gyroscope(&self) -> Result<Option<LogGyroscope>, SessionError> {
+        self.file.log.as_ref().map_or(Ok(None), read_log_gyroscope)
     }
 
     /// Reads the samples of the model's sensors; none where the session has no table of them.

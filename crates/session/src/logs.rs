@@ -1,9 +1,11 @@
 //! Logs of the aircraft: binary ones by their own readers, and tables; inputs from them by a mapping.
 
+mod gyroscope;
 mod inputs;
 mod presets;
 mod units;
 
+pub use gyroscope::{LogGyroscope, read_log_gyroscope};
 pub use inputs::{LogInput, LogSection, TimeUnit, UnitOf, inputs_of, read_log_inputs, unit_by_model};
 pub use presets::Preset;
 

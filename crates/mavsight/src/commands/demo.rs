@@ -56,6 +56,7 @@ pub(crate) fn demo(args: &Demo) -> Result<()> {
         vehicle: &vehicle,
         inputs: Some(&inputs),
         sensors: None,
+        gyroscope: None,
         options: IdentifyOptions::default(),
     };
     let tracked = TrackedFlight { rig, tracked, body: Vec::new() };

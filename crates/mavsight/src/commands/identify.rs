@@ -38,6 +38,7 @@ pub(crate) fn identify(args: &Identify) -> Result<()> {
             vehicle: &vehicle,
             inputs: Some(&inputs),
             sensors: sensors.as_ref(),
+            gyroscope: None,
             options: options.clone(),
         };
         identify_one(flight.table, session, &of, out, &bars)

@@ -1,0 +1,106 @@
+//! Inputs of a log whose clock and whose gyroscope's axes are its own.
+
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+use mavsight_engine::{Flight, identify_from_poses};
+use mavsight_flight::{InputSeries, Vehicle};
+use mavsight_geometry::{Matrix6, UnitQuaternion, Vector3};
+use mavsight_identify::output_error::MotionFits;
+use mavsight_pipeline::{IdentifyOptions, NoProgress};
+use mavsight_pose::{PoseEstimate, PoseSample};
+use mavsight_random::Random;
+use mavsight_session::RunResults;
+use mavsight_session::logs::LogGyroscope;
+use mavsight_simulator::{Maneuver, Scenario, simulate};
+
+/// The log's clock shows this at the first pose.
+const OFFSET_S: f64 = 812.345;
+const DRIFT: f64 = 8e-5;
+const GYROSCOPE_HZ: f64 = 400.0;
+
+struct Recorded {
+    poses: Vec<PoseSample>,
+    gyroscope: LogGyroscope,
+    inputs: InputSeries,
+}
+
+fn log_s(t_s: f64) -> f64 {
+    OFFSET_S + t_s * (1.0 + DRIFT)
+}
+
+fn recorded(vehicle: &Vehicle, amplitude_deg: f64) -> Recorded {
+    let sine = |channel: &str, harmonics: [u32; 4]| Maneuver::Multisine {
+        channel: channel.to_owned(),
+        start_s: 0.0,
+        length_s: 10.0,
+        harmonics: harmonics.to_vec(),
+        amplitude: amplitude_deg,
+    };
+    let maneuver = vec![sine("delta_lon", [3, 7, 11, 15]), sine("delta_lat", [4, 8, 12, 16])];
+    let scenario = Scenario { maneuver, ..Scenario::paper() };
+    let inputs = scenario.inputs(vehicle).unwrap();
+    let start = scenario.start(vehicle).unwrap();
+    let mut random = Random::new(35, 0);
+    let (position_m, turn_rad) = (5e-4, 1e-3);
+    let variances = [position_m, position_m, position_m, turn_rad, turn_rad, turn_rad].map(|s: f64| s * s);
+    let covariance = Matrix6::from_diagonal(&variances.into());
+    let filmed = simulate(vehicle, &inputs, &start, &scenario.frame_times_s()).unwrap();
+    let poses = filmed.iter().map(|s| {
+        let mut pose = s.pose();
+        pose.translation.vector += Vector3::from(random.normals()) * position_m;
+        pose.rotation *= UnitQuaternion::from_scaled_axis(Vector3::from(random.normals()) * turn_rad);
+        PoseSample { t_ns: (s.t_s * 1e9).round() as i64, estimate: Ok(PoseEstimate::new(pose, &covariance)) }
+    });
+    let poses = poses.collect();
+    let times_s: Vec<f64> = (0..(9.9 * GYROSCOPE_HZ) as usize).map(|k| k as f64 / GYROSCOPE_HZ).collect();
+    let body_from_sensor = UnitQuaternion::from_scaled_axis(Vector3::new(0.2, -0.1, 0.45));
+    let measured = simulate(vehicle, &inputs, &start, &times_s).unwrap();
+    let rates_rad_s = measured
+        .iter()
+        .map(|s| body_from_sensor.inverse() * s.rates_rad_s + Vector3::from(random.normals()) * 2e-3);
+    let gyroscope = LogGyroscope {
+        source: "sensor_gyro".into(),
+        times_ns: times_s.iter().map(|t_s| (log_s(*t_s) * 1e9).round() as i64).collect(),
+        rates_rad_s: rates_rad_s.collect(),
+    };
+    Recorded { poses, gyroscope, inputs: inputs.at_times(log_s).unwrap() }
+}
+
+fn identified(vehicle: &Vehicle, recorded: &Recorded) -> RunResults {
+    let motion_fits = MotionFits { output_error: true, filter_error: false };
+    let options = IdentifyOptions { motion_fits, ..IdentifyOptions::default() };
+    let flight = Flight {
+        name: "log",
+        vehicle,
+        inputs: Some(&recorded.inputs),
+        sensors: None,
+        gyroscope: Some(&recorded.gyroscope),
+        options,
+    };
+    let mut results = RunResults { poses: recorded.poses.clone(), ..RunResults::default() };
+    identify_from_poses(&mut results, &flight, &NoProgress).unwrap();
+    results
+}
+
+#[test]
+fn inputs_of_a_log_are_moved_to_the_clock_of_the_poses() {
+    let vehicle = Vehicle::paper();
+    let results = identified(&vehicle, &recorded(&vehicle, 2.0));
+    let note = results.notes.iter().find(|n| n.contains("by its gyroscope (sensor_gyro)")).unwrap();
+    assert!(note.contains("at 4.9 s of the poses it shows 817.29"), "{note}");
+    let fit = results.output_error.poses.as_ref().unwrap();
+    // No lag is left beyond what the inputs themselves can show.
+    let lag = fit.parameters.iter().find(|p| p.name == "input_lag_s").unwrap();
+    assert!(lag.value.abs() < 4.0 * lag.std && lag.std < 5e-3, "{lag:?}");
+    let time_constant = fit.parameter("tau_l").unwrap();
+    assert!((time_constant.value - 0.05).abs() < 4.0 * time_constant.std, "{time_constant:?}");
+}
+
+#[test]
+fn a_log_of_a_flight_that_hardly_turns_gives_no_inputs_and_says_why() {
+    let vehicle = Vehicle::paper();
+    let results = identified(&vehicle, &recorded(&vehicle, 1e-6));
+    let note = results.notes.iter().find(|n| n.contains("The log's clock is not known")).unwrap();
+    assert!(note.contains("turn the aircraft by hand"), "{note}");
+    assert!(results.identification.is_none() && results.output_error.poses.is_none());
+}
