@@ -104,10 +104,8 @@ fn correlated(rates: &[MeanRate], turned: &Turned<'_>, offset_s: f64) -> Option<
     if 2 * pairs.len() < rates.len() || pairs.len() < LEAST_TURNS / 2 {
         return None;
     }
-    let mean = |of: fn(&(Vector3<f64>, Vector3<f64>)) -> Vector3<f64>| {
-        pairs.iter().map(of).sum::<Vector3<f64>>() / n
-    };
-    let (body, sensor) = (mean(|p| p.0), mean(|p| p.1));
+    let sum = pairs.iter().fold((Vector3::zeros(), Vector3::zeros()), |sum, p| (sum.0 + p.0, sum.1 + p.1));
+    let (body, sensor) = (sum.0 / n, sum.1 / n);
     let (mut cross, mut squares) = (Matrix3::zeros(), [0.0; 2]);
     for (b, s) in &pairs {
         let (b, s) = (b - body, s - sensor);
