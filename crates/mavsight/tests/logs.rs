@@ -36,6 +36,12 @@ fn a_log_is_listed_with_what_it_can_serve_as() {
     let (json, _) = call(lab.path(), "log a.ulg --json", 0);
     let json: serde_json::Value = serde_json::from_str(&json).expect("JSON");
     assert_eq!((&json["format"], &json["parameters"]["SYS_AUTOSTART"]), (&"ulog".into(), &"4001".into()));
+    std::fs::write(lab.path().join("t.csv"), "t_s,word,speed_rad_s\n0,a,1\n0.5,b,2\n").expect("written");
+    let (table, _) = call(lab.path(), "log t.csv --topic table", 0);
+    assert!(
+        table.contains("t.csv: table, 0.000 to 0.500 s") && table.contains("speed_rad_s [rad/s]"),
+        "{table}"
+    );
     let (_, err) = call(lab.path(), "log a.ulg --topic esc_statu", 2);
     assert!(err.contains("no topic esc_statu; the nearest are esc_status"), "{err}");
 }

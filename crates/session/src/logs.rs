@@ -20,19 +20,22 @@ use std::path::Path;
 pub struct TableTime<'a> {
     /// Column of the times.
     pub column: &'a str,
-    /// Length of its unit, s.
-    pub unit_s: f64,
+    /// Length of its unit, ns.
+    pub unit_ns: i64,
 }
+
+const SECOND_NS: i64 = 1_000_000_000;
 
 impl Default for TableTime<'_> {
     /// The column `t_s`, in seconds.
     fn default() -> Self {
-        Self { column: TIME_COLUMN, unit_s: 1.0 }
+        Self { column: TIME_COLUMN, unit_ns: SECOND_NS }
     }
 }
 
 /// Reads a log whose kind is seen from its content, or a table (`.csv`, `.parquet`) as a log of one topic
-/// named `table`, of whose columns those of numbers are fields; what is wanted of it is kept.
+/// named `table`, of whose columns those of numbers are fields. What is wanted of a log is kept, and a table
+/// whole.
 ///
 /// # Errors
 /// A file that is not there, or that no reader knows; what cannot be read of it, with the place.
@@ -40,7 +43,7 @@ pub fn read_log(path: &Path, time: TableTime<'_>, wanted: &Wanted<'_>) -> Result
     let is_table =
         path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv") || e.eq_ignore_ascii_case("parquet"));
     if is_table {
-        return read_table(path, time, wanted);
+        return read_table(path, time);
     }
     require_file(path, "log")?;
     let mut file = std::fs::File::open(path).map_err(|e| SessionError::io(path, "read it", e))?;
@@ -50,18 +53,22 @@ pub fn read_log(path: &Path, time: TableTime<'_>, wanted: &Wanted<'_>) -> Result
 /// Name of the one topic of a table.
 pub const TABLE_TOPIC: &str = "table";
 
-fn read_table(path: &Path, time: TableTime<'_>, wanted: &Wanted<'_>) -> Result<Log, SessionError> {
+fn read_table(path: &Path, time: TableTime<'_>) -> Result<Log, SessionError> {
     let table = Table::read(path, "log")?;
     let place = table.column(time.column)?;
     let t_ns = |row: Row<'_>| {
-        if time.unit_s == 1.0 {
+        if time.unit_ns == SECOND_NS {
             return row.time_ns(place);
         }
-        row.number(place).map(|t| crate::ns_from_s(t * time.unit_s))
+        // Whole numbers digit by digit: nanoseconds since 1970 have more of them than a double.
+        let whole = row.text(place).parse::<i64>().ok().and_then(|t| t.checked_mul(time.unit_ns));
+        let t_ns = row.number(place)? * time.unit_ns as f64;
+        whole.or_else(|| (t_ns.abs() < 9e18).then(|| t_ns.round() as i64)).ok_or_else(|| {
+            row.refuse(place, "the time is beyond what nanoseconds can count: give another unit of the times")
+        })
     };
     let times_ns = table.rows()?.map(t_ns).collect::<Result<Vec<i64>, _>>()?;
-    let is_field =
-        |(_, name): &(usize, &str)| !name.is_empty() && *name != time.column && wanted(TABLE_TOPIC, 0, name);
+    let is_field = |(_, name): &(usize, &str)| !name.is_empty() && *name != time.column;
     // Words are no numbers, and a column of them no field.
     let columns = table.names().enumerate().filter(is_field).filter_map(|(place, name)| {
         let number = |row: Row<'_>| match row.text(place) {

@@ -1,10 +1,12 @@
 //! The tables of a session, both ways: inputs, sensors, control points and pixels.
 
 use crate::SessionError;
-use crate::table::{Row, Table, write_csv};
+use crate::files::PartFile;
+use crate::table::{Row, Table, csv_lines, write_csv};
 use mavsight_flight::{Color, InputSeries, SensorSeries, Vehicle};
 use mavsight_model::Model;
 use mavsight_pipeline::{ControlPixel, ControlPointRow};
+use std::io::Write;
 use std::path::Path;
 
 /// Column of the times.
@@ -119,7 +121,18 @@ pub fn write_numbers(
     columns: &[&str],
     rows: impl Iterator<Item = Vec<f64>>,
 ) -> Result<(), SessionError> {
-    write_csv(path, columns, rows.map(|row| row.iter().map(|x| format!("{x:.12}")).collect::<Vec<_>>()))
+    // Numbers need no quotes, and a long log has millions of them.
+    let write = |out: &mut dyn Write| {
+        csv_lines(out, columns)?.flush()?;
+        for row in rows {
+            for (k, number) in row.iter().enumerate() {
+                write!(out, "{}{number:.12}", if k == 0 { "" } else { "," })?;
+            }
+            writeln!(out)?;
+        }
+        Ok(())
+    };
+    PartFile::write(path, write)?.keep()
 }
 
 /// Reads `name,x_m,y_m,z_m,diameter_m,color` and, if it is there, `std_m`; an empty cell of it is 0.

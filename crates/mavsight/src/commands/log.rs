@@ -8,7 +8,6 @@ use mavsight_log::{Field, Log, Topic};
 use mavsight_session::logs::{Preset, TableTime, read_log};
 
 pub(crate) fn log(args: &ReadLog) -> Result<()> {
-    // A table has nothing but its columns: they are counted where they are read.
     let log = named(read_log(&args.file, TableTime::default(), &|_, _, _| false))?;
     for name in &args.topic {
         if let Err(missing @ mavsight_log::LogError::MissingTopic { .. }) = log.topic(name, None) {

@@ -79,15 +79,15 @@ impl LogSection {
 
     /// How the times of a table are written.
     pub fn table_time(&self) -> TableTime<'_> {
-        let unit_s = match self.time_unit {
-            TimeUnit::S => 1.0,
-            TimeUnit::Ms => 1e-3,
-            TimeUnit::Us => 1e-6,
-            TimeUnit::Ns => 1e-9,
+        let unit_ns = match self.time_unit {
+            TimeUnit::S => 1_000_000_000,
+            TimeUnit::Ms => 1_000_000,
+            TimeUnit::Us => 1000,
+            TimeUnit::Ns => 1,
         };
         self.time
             .as_deref()
-            .map_or(TableTime { unit_s, ..TableTime::default() }, |column| TableTime { column, unit_s })
+            .map_or(TableTime { unit_ns, ..TableTime::default() }, |column| TableTime { column, unit_ns })
     }
 
     fn wants(&self, topic: &str, instance: u32, field: &str) -> bool {
