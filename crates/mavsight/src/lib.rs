@@ -16,6 +16,7 @@ pub use mavsight_engine as engine;
 pub use mavsight_flight as flight;
 pub use mavsight_geometry as geometry;
 pub use mavsight_identify as identify;
+pub use mavsight_inertial as inertial;
 pub use mavsight_link as link;
 pub use mavsight_live as live;
 pub use mavsight_log as log;
