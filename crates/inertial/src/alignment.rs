@@ -90,8 +90,8 @@ impl LogAlignment {
 /// the errors of the poses, which two neighbouring turns share with the opposite sign, and by the noise of the gyroscope, which
 /// is taken from its samples. Clock, drift, attitude, bias and scale follow by weighted least squares (Gauss-Newton; the
 /// unknowns are those of Kelly & Sukhatme 2011 and Furgale, Rehder & Siegwart 2013, without a camera's). The start is found
-/// among all places of the log at which half of the poses or more lie within it, by the correlation of turns (Wahba 1965 for
-/// the attitude).
+/// among all places of the log that hold half or more of the minute in which the aircraft turns most, by the correlation of
+/// turns (Wahba 1965 for the attitude).
 ///
 /// About an axis about which the aircraft does not turn, the attitude remains unknown, and its standard deviation says so.
 ///

@@ -8,8 +8,9 @@ mod dataflash;
 mod ulog;
 
 use mavsight_flight::{InputSeries, Interpolation};
+use mavsight_geometry::Vector3;
 use mavsight_model::Unit;
-use mavsight_session::logs::{LogInput, LogSection, Preset, TimeUnit, read_log_inputs};
+use mavsight_session::logs::{LogInput, LogSection, Preset, TimeUnit, read_log_gyroscope, read_log_inputs};
 use std::f64::consts::PI;
 use std::path::PathBuf;
 
@@ -170,4 +171,32 @@ fn a_table_is_a_log_with_a_map_of_its_columns() {
     );
     section.time = None;
     assert!(read_log_inputs(&section, &|_| None).expect_err("a refusal").to_string().contains("t_s"));
+}
+
+/// Of two gyroscopes the faster one is taken.
+#[test]
+fn the_gyroscope_of_a_log_is_read() {
+    let lab = Lab::new();
+    let found = read_log_gyroscope(&lab.section("a.ulg", None, &[])).expect("a log").expect("a gyroscope");
+    assert_eq!((found.source.as_str(), found.times_ns.len()), ("sensor_gyro", 200));
+    assert_eq!(found.times_ns[4], 2_005_000_000);
+    let wave = f64::from(0.4_f32.sin());
+    assert!((found.rates_rad_s[4] - Vector3::new(wave, -wave, 0.5 * wave)).norm() < 1e-6);
+    // One axis alone is none.
+    assert_eq!(read_log_gyroscope(&lab.section("log00", None, &[])).expect("a log"), None);
+}
+
+/// The Crazyflie logs degrees a second, of which its gyroscope measures 2000 at most, 34.9 rad/s; in a crash nearly so many.
+#[test]
+fn rates_in_degrees_are_converted() {
+    let shared = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
+    let file = std::env::var_os("MAVSIGHT_DATA").map_or(shared, PathBuf::from).join("crazyflie/log10");
+    if !file.is_file() {
+        println!("skipped: no {}", file.display());
+        return;
+    }
+    let section = LogSection { file, ..LogSection::default() };
+    let found = read_log_gyroscope(&section).expect("a log").expect("a gyroscope");
+    let largest = found.rates_rad_s.iter().map(|rate| rate.amax()).fold(0.0, f64::max);
+    assert!(found.times_ns.len() > 50_000 && (5.0..34.92).contains(&largest), "{largest} rad/s");
 }

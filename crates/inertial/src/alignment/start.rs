@@ -16,6 +16,8 @@ pub(super) struct Start {
 const WINDOW_S: f64 = 0.1;
 /// Places are tried this far apart: a quarter of that.
 const STEP_S: f64 = 0.025;
+/// So many mean rates are compared at most, a minute of them: the minute in which the aircraft turns most.
+const MOST_RATES: usize = 600;
 /// Places nearer than this are one.
 const APART_S: f64 = 0.5;
 /// Standard deviations by which the best place must be the better one: chance does so once in 700 flights.
@@ -41,16 +43,15 @@ struct Correlated {
 /// # Errors
 /// [`InertialError::TooFewPoses`], [`InertialError::TooQuiet`].
 pub(super) fn find(turns: &[PoseTurn], gyroscope: &GyroscopeSeries) -> Result<Start, InertialError> {
-    let rates = mean_rates(turns);
-    let errors = RateErrors { bias_rad_s: Vector3::zeros(), scale: Vector3::zeros() };
-    let turned = Turned::new(gyroscope, errors);
-    let times = gyroscope.times_ns();
-    let [log_from_s, log_to_s] = [times[0], times[times.len() - 1]].map(|t| t as f64 * 1e-9);
+    let all = mean_rates(turns);
+    let rates = most_turning(&all);
+    let sensor = SensorRates::new(gyroscope, rates);
     let (from_s, to_s) = rates.first().zip(rates.last()).map_or((0.0, 0.0), |(a, b)| (a.from_s, b.to_s));
+    let (log_from_s, log_to_s) = sensor.span_s();
     let half_s = 0.5 * (to_s - from_s).min(log_to_s - log_from_s);
     let first_s = log_from_s - to_s + half_s;
     let places = ((log_to_s - from_s - half_s - first_s) / STEP_S).max(0.0) as usize;
-    let tried = (0..=places).filter_map(|k| correlated(&rates, &turned, first_s + k as f64 * STEP_S));
+    let tried = (0..=places).filter_map(|k| correlated(rates, &sensor, first_s + k as f64 * STEP_S));
     let mut tried: Vec<Correlated> = tried.collect();
     tried.sort_by(|a, b| b.correlation.total_cmp(&a.correlation));
     let Some(best) = tried.first() else {
@@ -93,22 +94,61 @@ fn mean_rates(turns: &[PoseTurn]) -> Vec<MeanRate> {
     out
 }
 
+/// The stretch of so many rates that has the largest sum of squares.
+fn most_turning(rates: &[MeanRate]) -> &[MeanRate] {
+    let squares = |part: &[MeanRate]| part.iter().map(|r| r.rate_rad_s.norm_squared()).sum::<f64>();
+    let starts = (0..rates.len().saturating_sub(MOST_RATES)).step_by(MOST_RATES / 4);
+    let stretch = |from: usize| &rates[from..(from + MOST_RATES).min(rates.len())];
+    let best = starts.map(stretch).max_by(|a, b| squares(a).total_cmp(&squares(b)));
+    best.unwrap_or(stretch(0))
+}
+
+/// Mean rates of the sensor over windows as long as those of the poses, which begin [`STEP_S`] apart.
+struct SensorRates {
+    first_s: f64,
+    rates_rad_s: Vec<Vector3<f64>>,
+    window_s: f64,
+}
+
+impl SensorRates {
+    fn new(gyroscope: &GyroscopeSeries, like: &[MeanRate]) -> Self {
+        let turned =
+            Turned::new(gyroscope, RateErrors { bias_rad_s: Vector3::zeros(), scale: Vector3::zeros() });
+        let window_s = like.iter().map(|r| r.to_s - r.from_s).sum::<f64>() / like.len().max(1) as f64;
+        // Not at the first sample itself, where rounding of the time decides whether it is within the log.
+        let first_s = gyroscope.times_ns()[0] as f64 * 1e-9 + STEP_S;
+        let mean_rate = |k: usize| {
+            let from_s = first_s + k as f64 * STEP_S;
+            let (from, to) = (turned.at(from_s)?.0, turned.at(from_s + window_s)?.0);
+            Some((from.inverse() * to).scaled_axis() / window_s)
+        };
+        Self { first_s, rates_rad_s: (0..).map_while(mean_rate).collect(), window_s }
+    }
+
+    fn span_s(&self) -> (f64, f64) {
+        (self.first_s, self.first_s + self.rates_rad_s.len() as f64 * STEP_S + self.window_s)
+    }
+
+    /// The rate of the window that begins nearest to a time.
+    fn at(&self, t_s: f64) -> Option<Vector3<f64>> {
+        let place = ((t_s - self.first_s) / STEP_S).round();
+        if place < 0.0 { None } else { self.rates_rad_s.get(place as usize).copied() }
+    }
+}
+
 /// The correlation at a place; none where fewer than half of the rates lie within the log.
-fn correlated(rates: &[MeanRate], turned: &Turned<'_>, offset_s: f64) -> Option<Correlated> {
-    let pair = |r: &MeanRate| {
-        let (from, to) = (turned.at(r.from_s + offset_s)?.0, turned.at(r.to_s + offset_s)?.0);
-        Some((r.rate_rad_s, (from.inverse() * to).scaled_axis() / (r.to_s - r.from_s)))
-    };
+fn correlated(rates: &[MeanRate], sensor: &SensorRates, offset_s: f64) -> Option<Correlated> {
+    let pair = |r: &MeanRate| Some((r.rate_rad_s, sensor.at(r.from_s + offset_s)?));
     let pairs: Vec<(Vector3<f64>, Vector3<f64>)> = rates.iter().filter_map(pair).collect();
     let n = pairs.len() as f64;
     if 2 * pairs.len() < rates.len() || pairs.len() < LEAST_TURNS / 2 {
         return None;
     }
     let sum = pairs.iter().fold((Vector3::zeros(), Vector3::zeros()), |sum, p| (sum.0 + p.0, sum.1 + p.1));
-    let (body, sensor) = (sum.0 / n, sum.1 / n);
+    let (body_mean, sensor_mean) = (sum.0 / n, sum.1 / n);
     let (mut cross, mut squares) = (Matrix3::zeros(), [0.0; 2]);
     for (b, s) in &pairs {
-        let (b, s) = (b - body, s - sensor);
+        let (b, s) = (b - body_mean, s - sensor_mean);
         cross += b * s.transpose();
         squares[0] += b.norm_squared();
         squares[1] += s.norm_squared();
