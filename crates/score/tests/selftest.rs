@@ -29,8 +29,9 @@ fn intervals_of_pose_velocity_and_rates_hold_the_truth() {
         assert_eq!(tally.instants(), (180 * flights as usize, 8 * flights as usize), "only the gaps");
         for (k, row) in tally.coverage()[..6].iter().enumerate() {
             // Errors of a calibration are systematic in the poses of its flight, so these are few draws;
-            // rates have many.
-            let (shares, most) = if k < 4 { (0.85..=1.0, 5.0) } else { (0.9..=0.99, 3.5) };
+            // rates have many. What balls that hide each other leave open is claimed, and these observations
+            // have no such error.
+            let (shares, most) = if k < 4 { (0.85..=1.0, 5.0) } else { (0.9..=0.995, 3.5) };
             assert!(shares.contains(&row.share) && (0.5..most).contains(&row.nees), "{name}: {row:?}");
         }
     }
