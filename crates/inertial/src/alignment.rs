@@ -96,7 +96,8 @@ impl LogAlignment {
 /// About an axis about which the aircraft does not turn, the attitude remains unknown, and its standard deviation says so.
 ///
 /// # Errors
-/// [`InertialError::TooFewPoses`]; [`InertialError::TooQuiet`] where two places of the log fit alike;
+/// [`InertialError::TooLong`]; [`InertialError::TooFewPoses`]; [`InertialError::TooQuiet`] where two places of the log fit alike,
+/// [`InertialError::NoAgreement`] where none fits;
 /// [`InertialError::NotConverged`].
 pub fn align_log(poses: &[PoseSample], gyroscope: &GyroscopeSeries) -> Result<LogAlignment, InertialError> {
     let turns = pose_turns(poses);
@@ -180,18 +181,21 @@ impl Problem<'_> {
             point = point.moved(&step);
             step_s = step[0];
             if scaled.amax() < LAST_STEP {
-                return Ok(self.aligned(&point));
+                return self
+                    .aligned(&point)
+                    .ok_or(InertialError::NotConverged { steps: MAX_STEPS, step_ms: 1e3 * step_s.abs() });
             }
         }
         Err(InertialError::NotConverged { steps: MAX_STEPS, step_ms: 1e3 * step_s.abs() })
     }
 
-    fn aligned(&self, point: &Point) -> LogAlignment {
+    /// None where the equations have no solution there.
+    fn aligned(&self, point: &Point) -> Option<LogAlignment> {
         let normal = self.normal(point);
         let redundancy = (3 * normal.turns - UNKNOWNS) as f64;
         let reduced_chi_square = normal.squares / redundancy;
-        let covariance = normal.information.try_inverse().unwrap_or_else(SMatrix::zeros);
-        LogAlignment {
+        let covariance = normal.information.cholesky()?.inverse();
+        Some(LogAlignment {
             at_s: self.at_s,
             offset_s: point.offset_s,
             drift: point.drift,
@@ -201,7 +205,7 @@ impl Problem<'_> {
             covariance: covariance * reduced_chi_square.max(1.0),
             reduced_chi_square,
             turns: normal.turns,
-        }
+        })
     }
 
     /// The normal equations of whitened residuals, with what is known before the flight.

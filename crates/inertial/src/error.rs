@@ -59,6 +59,24 @@ pub enum InertialError {
         /// And there.
         second: f64,
     },
+    /// Turns that do not agree anywhere, where the log has no second place to compare with.
+    #[error(
+        "the turns of the log and of the poses agree by a correlation of {correlation:.2}, which is chance: is this the log of the flight?"
+    )]
+    NoAgreement {
+        /// The largest correlation.
+        correlation: f64,
+    },
+    /// A log that is longer than can be searched, which a wrong time makes of any.
+    #[error(
+        "the gyroscope's times span {span_s:.0} s, and {most_s:.0} s are searched at most: look for a wrong time, or cut the log to the flight"
+    )]
+    TooLong {
+        /// From the first to the last sample.
+        span_s: f64,
+        /// What is searched at most.
+        most_s: f64,
+    },
     /// A fit that does not end.
     #[error(
         "the log's clock could not be fitted: after {steps} steps it still moves by {step_ms:.3} ms; is the log of this flight, and are its rates in rad/s?"

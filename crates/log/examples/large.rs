@@ -1,7 +1,7 @@
 //! Writes a ULog of so many megabytes, as PX4 logs at high rates, and reads the motor outputs of it: time and
 //! memory.
 //!
-//! `cargo run --release -p mavsight-log --example large -- /tmp/large.ulg 1000`
+//! `cargo run --release -p mavsight-log --example large -- large.ulg 1000`
 
 #[path = "../tests/common/ulog.rs"]
 #[allow(dead_code)] // The small log is for tests.

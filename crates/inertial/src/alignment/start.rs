@@ -18,6 +18,8 @@ const WINDOW_S: f64 = 0.1;
 const STEP_S: f64 = 0.025;
 /// So many mean rates are compared at most, a minute of them: the minute in which the aircraft turns most.
 const MOST_RATES: usize = 600;
+/// The longest log that is searched: half a day has two million places.
+const LONGEST_LOG_S: f64 = 43_200.0;
 /// Places nearer than this are one.
 const APART_S: f64 = 0.5;
 /// Standard deviations by which the best place must be the better one: chance does so once in 700 flights.
@@ -41,8 +43,13 @@ struct Correlated {
 /// The place of the largest correlation.
 ///
 /// # Errors
-/// [`InertialError::TooFewPoses`], [`InertialError::TooQuiet`].
+/// [`InertialError::TooLong`], [`InertialError::TooFewPoses`], [`InertialError::TooQuiet`], [`InertialError::NoAgreement`].
 pub(super) fn find(turns: &[PoseTurn], gyroscope: &GyroscopeSeries) -> Result<Start, InertialError> {
+    let times = gyroscope.times_ns();
+    let span_s = times[0].abs_diff(times[times.len() - 1]) as f64 * 1e-9;
+    if span_s > LONGEST_LOG_S {
+        return Err(InertialError::TooLong { span_s, most_s: LONGEST_LOG_S });
+    }
     let all = mean_rates(turns);
     let rates = most_turning(&all);
     let sensor = SensorRates::new(gyroscope, rates);
@@ -62,16 +69,17 @@ pub(super) fn find(turns: &[PoseTurn], gyroscope: &GyroscopeSeries) -> Result<St
     let z = |c: &Correlated| {
         c.correlation.clamp(-1.0, 1.0 - 1e-12).atanh() * (3.0 * c.compared as f64 - 3.0).sqrt()
     };
-    let second = other.map_or(0.0, |o| o.correlation);
-    let ahead = z(best) - other.map_or(0.0, z);
-    if ahead < DISTINCT * std::f64::consts::SQRT_2 {
+    if z(best) - other.map_or(0.0, z) < DISTINCT * std::f64::consts::SQRT_2 {
+        let Some(other) = other else {
+            return Err(InertialError::NoAgreement { correlation: best.correlation });
+        };
         let squares: f64 = rates.iter().map(|r| r.rate_rad_s.norm_squared()).sum();
         return Err(InertialError::TooQuiet {
             turn_rms_rad_s: (squares / rates.len() as f64).sqrt(),
             first_s: best.offset_s,
-            second_s: other.map_or(f64::NAN, |o| o.offset_s),
+            second_s: other.offset_s,
             first: best.correlation,
-            second,
+            second: other.correlation,
         });
     }
     Ok(Start { offset_s: best.offset_s, body_from_sensor: best.body_from_sensor })

@@ -63,3 +63,15 @@ fn too_few_poses_are_refused() {
     let refused = align_log(&poses[..10], &log(0.25, &mut random)).unwrap_err();
     assert!(matches!(refused, InertialError::TooFewPoses { .. }), "{refused}");
 }
+
+/// A damaged time years ahead would make a search without end of any log.
+#[test]
+fn a_time_that_is_years_ahead_is_refused() {
+    let mut random = Random::new(39, 0);
+    let (poses, whole) = (poses(0.25, &mut random), log(0.25, &mut random));
+    let mut times_ns = whole.times_ns().to_vec();
+    *times_ns.last_mut().unwrap() = i64::MAX;
+    let damaged = GyroscopeSeries::new(times_ns, whole.rates_rad_s().to_vec()).unwrap();
+    let refused = align_log(&poses, &damaged).unwrap_err();
+    assert!(matches!(refused, InertialError::TooLong { .. }), "{refused}");
+}
