@@ -8,7 +8,7 @@ pub use file::VehicleFile;
 
 use crate::{Color, FlightError};
 use mavsight_geometry::{Vector3, rigid_fit};
-use mavsight_model::{BODY_PARAMETERS, Body, Model, RIGID_STATES};
+use mavsight_model::{Axis, BODY_PARAMETERS, Body, Freedom, Model, RIGID_STATES};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -65,6 +65,10 @@ pub struct Vehicle {
     pub inertia_kg_m2: [f64; 3],
     /// Products of inertia I_xy, I_xz, I_yz: integrals of xy, xz and yz over the mass.
     pub products_of_inertia_kg_m2: [f64; 3],
+    /// Standard deviation of the mass; 0: it counts as exact.
+    pub mass_std_kg: f64,
+    /// Standard deviations of the moments of inertia; 0: they count as exact.
+    pub inertia_std_kg_m2: [f64; 3],
     /// Balls.
     pub marker: Vec<Marker>,
     /// Air and gravity.
@@ -94,6 +98,31 @@ impl Vehicle {
             inertia_kg_m2: [xx, yy, zz, xy, xz, yz],
             gravity_m_s2: self.environment.gravity_m_s2,
             air_density_kg_m3: self.environment.air_density_kg_m3,
+        }
+    }
+
+    /// The flight model for a fit: mass and moments of inertia that have a standard deviation are free, and known
+    /// to that before the flight, so that what depends on them claims it too.
+    pub fn model_for_fits(&self) -> Arc<Model> {
+        let [xx, yy, zz] = self.inertia_std_kg_m2;
+        let stds = [self.mass_std_kg, xx, yy, zz];
+        if stds == [0.0; 4] {
+            return Arc::clone(&self.model);
+        }
+        let mut model = Model::clone(&self.model);
+        for (parameter, std) in model.parameters.iter_mut().zip(stds).filter(|(_, std)| *std > 0.0) {
+            parameter.freedom = Freedom::Free;
+            parameter.prior_std = Some(std);
+        }
+        Arc::new(model)
+    }
+
+    /// Standard deviation over value of what a measured force or moment is multiplied by: mass, or the moment of
+    /// inertia about the axis.
+    pub fn relative_std(&self, of: Axis) -> f64 {
+        match of {
+            Axis::Force(_) => self.mass_std_kg / self.mass_kg,
+            Axis::Moment(axis) => self.inertia_std_kg_m2[axis] / self.inertia_kg_m2[axis],
         }
     }
 
@@ -150,6 +179,7 @@ impl Vehicle {
             return Err(FlightError::Inertia(self.inertia_kg_m2));
         }
         self.validate_inertia_products()?;
+        self.validate_body_stds()?;
         for (section, values) in [("parameters", &self.parameters), ("simulation", &self.simulation)] {
             values.iter().try_for_each(|(name, value)| self.validate_value(section, name, *value))?;
         }
@@ -165,6 +195,16 @@ impl Vehicle {
             }
         }
         Ok(())
+    }
+
+    fn validate_body_stds(&self) -> Result<(), FlightError> {
+        let own = |k: usize| (self.inertia_std_kg_m2[k], self.inertia_kg_m2[k]);
+        let inertia = (0..3).map(|k| (format!("inertia_std_kg_m2[{k}]"), own(k)));
+        let mass = ("mass_std_kg".to_owned(), (self.mass_std_kg, self.mass_kg));
+        match std::iter::once(mass).chain(inertia).find(|(_, (std, value))| !(0.0..*value).contains(std)) {
+            Some((key, (value, max))) => Err(FlightError::OutOfBounds { key, value, min: 0.0, max }),
+            None => Ok(()),
+        }
     }
 
     fn validate_value(&self, section: &str, name: &str, value: f64) -> Result<(), FlightError> {

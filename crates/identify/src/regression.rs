@@ -291,7 +291,8 @@ impl<'a> Regression<'a> {
         let mut parameters: Vec<Parameter> = self.output.columns.iter().map(|c| nothing(&c.name)).collect();
         let mut combinations = Vec::new();
         for (position, column) in self.dependence.independent.iter().copied().enumerate() {
-            let (value, std) = (values[position], covariance[(position, position)].max(0.0).sqrt());
+            let (value, noise) = (values[position], covariance[(position, position)].max(0.0).sqrt());
+            let std = noise.hypot(value * self.output.scale_std);
             let (ci_low, ci_high) = (value - t * std, value + t * std);
             if self.dependence.stands_alone(position) {
                 let p = &mut parameters[column];

@@ -187,6 +187,7 @@ struct Draft {
     output: Signal,
     columns: Vec<(Named, Signal)>,
     fixed: Vec<Fixed>,
+    scale_std: f64,
     bands: Bands,
 }
 
@@ -221,7 +222,8 @@ impl Draft {
             rotation_hz: flight.motion.rotation_bandwidth_hz,
             passed_hz: flight.bandwidths_hz(passed).collect(),
         };
-        Ok(Self { name: equation.name.clone(), output, columns, fixed, bands })
+        let scale_std = flight.scale_std(equation.measured);
+        Ok(Self { name: equation.name.clone(), output, columns, fixed, scale_std, bands })
     }
 
     fn finish(&self, flight: &Flight<'_>, usable: &[bool], extra_hz: Option<f64>) -> Output {
@@ -252,6 +254,7 @@ impl Draft {
             once: start_errors(flight, &terms),
             errors,
             fixed: self.fixed.clone(),
+            scale_std: self.scale_std,
             bandwidth_hz: bands.passed_hz.iter().copied().fold(f64::INFINITY, f64::min),
         }
     }

@@ -127,6 +127,11 @@ impl<'a> Flight<'a> {
         (all[0] - median(beyond.collect()).max(0.0)).max(0.0).sqrt()
     }
 
+    /// Standard deviation over value of what a measured force or moment is multiplied by.
+    pub(crate) fn scale_std(&self, measured: Axis) -> f64 {
+        self.vehicle.relative_std(measured)
+    }
+
     /// What is measured, newtons or newton metres.
     pub(crate) fn measured(&self, measured: Axis, passed: Passed) -> Signal {
         match measured {

@@ -44,6 +44,8 @@ pub struct Output {
     pub once: Vec<DMatrix<f64>>,
     /// Coefficients that the model fixes; their part is taken off the values.
     pub fixed: Vec<Fixed>,
+    /// Standard deviation over value of the mass or the moment of inertia with which the values, and so all coefficients, scale.
+    pub scale_std: f64,
     /// The lowest frequency at which a low-pass of both sides passes one half.
     pub bandwidth_hz: f64,
 }

@@ -21,6 +21,12 @@ pub struct VehicleFile {
     /// I_xy, I_xz, I_yz.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub products_of_inertia_kg_m2: [f64; 3],
+    /// Standard deviation of the mass; 0: exact.
+    #[serde(default, skip_serializing_if = "is_exact")]
+    pub mass_std_kg: f64,
+    /// Standard deviations of I_xx, I_yy, I_zz; 0: exact.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub inertia_std_kg_m2: [f64; 3],
     /// Name of a model of the shelf, or the path of a model file beside this one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub model: Option<String>,
@@ -44,6 +50,10 @@ pub struct VehicleFile {
 
 fn is_zero(values: &[f64; 3]) -> bool {
     *values == [0.0; 3]
+}
+
+fn is_exact(std: &f64) -> bool {
+    *std == 0.0
 }
 
 impl VehicleFile {
@@ -78,6 +88,8 @@ impl VehicleFile {
             mass_kg: self.mass_kg,
             inertia_kg_m2: self.inertia_kg_m2,
             products_of_inertia_kg_m2: self.products_of_inertia_kg_m2,
+            mass_std_kg: self.mass_std_kg,
+            inertia_std_kg_m2: self.inertia_std_kg_m2,
             marker: self.marker,
             environment: self.environment,
             model: Arc::new(model),
@@ -123,6 +135,8 @@ impl From<Vehicle> for VehicleFile {
             mass_kg: vehicle.mass_kg,
             inertia_kg_m2: vehicle.inertia_kg_m2,
             products_of_inertia_kg_m2: vehicle.products_of_inertia_kg_m2,
+            mass_std_kg: vehicle.mass_std_kg,
+            inertia_std_kg_m2: vehicle.inertia_std_kg_m2,
             model,
             marker: vehicle.marker,
             environment: vehicle.environment,
@@ -162,6 +176,8 @@ pub(super) fn paper() -> Vehicle {
         mass_kg,
         inertia_kg_m2: [6.1e-3, 6.26e-3, 0.93e-3],
         products_of_inertia_kg_m2: [0.0; 3],
+        mass_std_kg: 0.0,
+        inertia_std_kg_m2: [0.0; 3],
         marker: vec![
             ball("red", 0.225, 0.225, Color::new(0xdb, 0x12, 0x12)),
             ball("green", 0.225, -0.225, Color::new(0x12, 0xa0, 0x2e)),

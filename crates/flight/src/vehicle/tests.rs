@@ -39,6 +39,27 @@ fn the_papers_vehicle_is_valid_and_each_constant_is_checked() {
     assert_eq!(vehicle.validate(), Err(FlightError::TooFewMarkers(2)));
 }
 
+#[test]
+fn a_body_that_is_not_known_exactly_is_free_in_fits_and_survives_its_file() {
+    let mut vehicle = Vehicle::paper();
+    assert_eq!(vehicle.model_for_fits().parameters, vehicle.model.parameters);
+    (vehicle.mass_std_kg, vehicle.inertia_std_kg_m2) = (0.01, [0.0, 3e-4, 0.0]);
+    assert_eq!(vehicle.validate(), Ok(()));
+    let model = vehicle.model_for_fits();
+    let known: Vec<_> = model.parameters.iter().take(4).map(|p| (p.freedom.clone(), p.prior_std)).collect();
+    let (fixed, free) = ((Freedom::Fixed, None), |std| (Freedom::Free, Some(std)));
+    assert_eq!(known, [free(0.01), fixed.clone(), free(3e-4), fixed]);
+    assert_eq!(vehicle.relative_std(Axis::Force(2)), 0.01 / 0.8);
+    let text = toml::to_string(&vehicle).expect("a file");
+    assert_eq!(toml::from_str::<Vehicle>(&text).expect("a vehicle"), vehicle);
+    for (std, key) in
+        [(-1e-4, "inertia_std_kg_m2[1]"), (f64::NAN, "inertia_std_kg_m2[1]"), (7e-3, "inertia_std_kg_m2[1]")]
+    {
+        vehicle.inertia_std_kg_m2[1] = std;
+        assert!(matches!(vehicle.validate(), Err(FlightError::OutOfBounds { key: k, .. }) if k == key));
+    }
+}
+
 /// Mass, inertia, gravity and density have keys of their own; the simulation alone may have others.
 #[test]
 fn values_of_the_body_among_the_parameters_are_refused_with_their_keys() {

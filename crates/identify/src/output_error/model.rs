@@ -54,7 +54,7 @@ impl FlightModel {
     ) -> Result<Self, IdentifyError> {
         vehicle.validate()?;
         let inputs = inputs.select(&vehicle.input_columns())?;
-        let model = Arc::clone(&vehicle.model);
+        let model = vehicle.model_for_fits();
         let is_free = |freedom: &Freedom| match freedom {
             Freedom::Free => true,
             Freedom::Fixed => false,

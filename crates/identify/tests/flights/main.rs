@@ -1,6 +1,7 @@
 //! Identification of simulated flights: what was put in comes out, and what cannot be determined is refused.
 
 mod aircraft;
+mod body;
 mod clocks;
 mod coverage;
 mod model_faults;
