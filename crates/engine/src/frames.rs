@@ -6,7 +6,6 @@ use mavsight_geometry::ImageSize;
 use mavsight_pipeline::{CameraFeed, PipelineError, TimedFrame};
 use mavsight_pose::{CameraClock, ClockPrior};
 use mavsight_session::{FrameSource, LineTime, Session, SessionCamera};
-use mavsight_vision::Frame;
 
 /// No sensor takes longer for all its rows.
 const LONGEST_READOUT_S: f64 = 1.0 / 30.0;
@@ -56,15 +55,16 @@ fn clock_of(camera: &SessionCamera, is_first: bool, size: ImageSize) -> ClockPri
     prior
 }
 
-/// The first frame of each camera that has any.
+/// The first frame of each camera that has any, at its time by the camera's own clock.
 ///
 /// # Errors
 /// A recording that cannot be read.
-pub fn first_frames(session: &Session) -> Result<Vec<Frame>, EngineError> {
+pub fn first_frames(session: &Session) -> Result<Vec<TimedFrame>, EngineError> {
     let mut frames = Vec::with_capacity(session.cameras().len());
     for k in 0..session.cameras().len() {
         if let Some(first) = session.open_camera(k)?.next() {
-            frames.push(first?.1);
+            let (t_ns, frame) = first?;
+            frames.push(TimedFrame { t_ns, frame });
         }
     }
     Ok(frames)

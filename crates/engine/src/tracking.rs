@@ -98,6 +98,7 @@ impl TrackedFlight {
             centres,
             notes: tracked.notes.into_iter().chain(tracked.findings.iter().map(|f| f.note.clone())).collect(),
             findings: tracked.findings,
+            pictures: tracked.pictures,
             ..RunResults::default()
         };
         (results, tracked.observations)

@@ -76,6 +76,9 @@ pub(crate) struct Demo {
     /// Scenario file; the paper's doublet where left out
     #[arg(long, value_name = "FILE")]
     pub(crate) scenario: Option<PathBuf>,
+    /// Print every figure, verdict and note, in place of one screen
+    #[arg(long)]
+    pub(crate) verbose: bool,
 }
 
 /// `run`
@@ -101,6 +104,9 @@ pub(crate) struct Run {
     /// Search, by output error, the terms that the flight model marks as candidates
     #[arg(long, conflicts_with = "equation_error_only")]
     pub(crate) search: bool,
+    /// Print every figure, verdict and note, in place of one screen
+    #[arg(long)]
+    pub(crate) verbose: bool,
 }
 
 /// `calibrate`, `track` and `report`

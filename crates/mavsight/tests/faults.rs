@@ -21,8 +21,9 @@ fn faults_are_noted_and_the_flight_goes_on() {
         std::fs::remove_file(frame(&session, "cam2", number)).expect("the frame was there");
     }
     let out = session.path("results");
-    let assert =
-        mavsight().arg("run").arg(session.path("session.toml")).arg("--out").arg(&out).assert().success();
+    let mut run = mavsight();
+    run.arg("run").arg(session.path("session.toml")).arg("--verbose").arg("--out").arg(&out);
+    let assert = run.assert().success();
     let text = String::from_utf8_lossy(&assert.get_output().stdout).into_owned();
     let summary = std::fs::read_to_string(out.join("summary.json")).expect("a summary");
     let summary: serde_json::Value = serde_json::from_str(&summary).expect("an object");

@@ -65,13 +65,14 @@ pub fn track_with(
                 let frame_bytes = rig.cameras[camera].camera.size.area_px() * 3 / 2;
                 let (frame_out, frame_in) =
                     sync_channel((QUEUE_BYTES / frame_bytes.max(1)).clamp(LEAST_QUEUE_FRAMES, 8));
+                let watch = CameraWatch::new(feed.name.clone(), feed.announced);
                 let mut stream = Stream::new(camera, feed.name.clone(), feed.clock, feed.readout);
                 stream.brightness = feed.flash.then(Vec::new);
                 stream.clap = feed.clap;
                 stream.reserve(feed.announced.unwrap_or(0), vehicle.marker.len());
                 scope.spawn(move || fetch(feed, &frame_out));
                 let watched = (camera == 0).then_some(progress);
-                scope.spawn(move || observe(tracker, stream, &frame_in, watched))
+                scope.spawn(move || observe(tracker, stream, watch, &frame_in, watched))
             })
             .collect();
         let ended = |w: std::thread::ScopedJoinHandle<'_, _>| {
@@ -94,14 +95,14 @@ fn fetch(feed: CameraFeed<'_>, out: &SyncSender<Result<TimedFrame, PipelineError
 fn observe(
     mut tracker: CameraTracker,
     mut stream: Stream,
+    mut watch: CameraWatch,
     frames: &Receiver<Result<TimedFrame, PipelineError>>,
     progress: Option<&dyn Progress>,
 ) -> Result<(Stream, CameraWatch), PipelineError> {
-    let mut watch = CameraWatch::new(stream.name.clone());
     for frame in frames {
         match frame {
             Ok(TimedFrame { t_ns, frame }) => {
-                watch.looks_at(&frame);
+                watch.looks_at(t_ns, &frame);
                 let brightness = stream.brightness.is_some().then(|| clock_start::brightness(&frame));
                 match tracker.see(t_ns, Arc::new(frame)) {
                     TrackedFrame::New(seen) => {
@@ -127,7 +128,7 @@ fn observe(
 /// Clocks, instants, identities and poses of what the cameras saw.
 fn joined(
     mut streams: Vec<Stream>,
-    watches: Vec<CameraWatch>,
+    mut watches: Vec<CameraWatch>,
     rig: &Rig,
     vehicle: &Vehicle,
     mut each: impl FnMut(&Instant<'_>),
@@ -150,6 +151,11 @@ fn joined(
     }
     let exact: Vec<CameraClock> = clocks.iter().map(|c| c.clock).collect();
     notes.extend(span_notes(&streams, &exact)?);
+    let pictures = std::iter::zip(&mut watches, &exact).filter_map(|(watch, clock)| {
+        let TimedFrame { t_ns, frame } = watch.picture.take()?;
+        Some(TimedFrame { t_ns: clock.time_ns(t_ns), frame })
+    });
+    let pictures: Vec<TimedFrame> = pictures.collect();
     let sizes: Vec<_> = rig.cameras.iter().map(|c| c.camera.size).collect();
     let mut all = Reconstruction::new(rig, vehicle);
     let instants = streams.iter().map(|s| s.stamps_ns.len()).max().unwrap_or(0);
@@ -166,7 +172,7 @@ fn joined(
     associator.finish(rig, watches, &mut all.tracked);
     let mut tracked = all.finish()?;
     notes.append(&mut tracked.notes);
-    (tracked.clocks, tracked.notes) = (clocks, notes);
+    (tracked.clocks, tracked.notes, tracked.pictures) = (clocks, notes, pictures);
     Ok(tracked)
 }
 
@@ -231,7 +237,7 @@ mod tests {
         rig.cameras.truncate(streams.len());
         rig.uncertainty =
             rig.uncertainty.rows(0, mavsight_geometry::CAMERA_PARAMETERS * streams.len()).into();
-        let watches = streams.iter().map(|s| CameraWatch::new(s.name.clone())).collect();
+        let watches = streams.iter().map(|s| CameraWatch::new(s.name.clone(), None)).collect();
         joined(streams, watches, &rig, &Vehicle::paper(), |_| {})
     }
 

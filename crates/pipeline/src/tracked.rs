@@ -1,7 +1,7 @@
 //! What tracking yields.
 
-use crate::Finding;
 use crate::health::{CameraHealth, CentreQuality};
+use crate::{Finding, TimedFrame};
 use mavsight_pose::{ClockEstimate, Observations, PoseEstimator, PoseSample};
 
 /// What tracking yields.
@@ -21,6 +21,9 @@ pub struct Tracked {
     pub health: Vec<CameraHealth>,
     /// What is wrong with cameras, recordings and files, and what explains it.
     pub findings: Vec<Finding>,
+    /// A frame of each camera from about the middle of its recording, at its time by the common clock; none where the
+    /// observations came from elsewhere.
+    pub pictures: Vec<TimedFrame>,
     /// What was missing of the recordings and could not be had, with camera and time.
     pub notes: Vec<String>,
 }

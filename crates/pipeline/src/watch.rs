@@ -1,6 +1,6 @@
 //! What happened to the cameras, and how well they see.
 
-use crate::{CameraHealth, Cause, Finding, MarkerHealth, sharpness};
+use crate::{CameraHealth, Cause, Finding, MarkerHealth, TimedFrame, sharpness};
 use mavsight_pose::{MovedCamera, Rig};
 use mavsight_vision::{BallHealth, Frame, Tracker};
 
@@ -15,6 +15,10 @@ pub(crate) struct CameraWatch {
     spans_ns: Vec<(i64, i64)>,
     /// Blur of the room's edges in some frames.
     sharpness_px: Vec<f64>,
+    /// Number of the frame in the middle of the recording, where its length is announced.
+    middle: Option<usize>,
+    /// One frame from about the middle of the flight, for pictures.
+    pub(crate) picture: Option<TimedFrame>,
 }
 
 /// Frames whose sharpness is looked at, and from one to the next.
@@ -25,7 +29,7 @@ const SHARPNESS_EVERY: usize = 8;
 const MOST_SPANS: usize = 8;
 
 impl CameraWatch {
-    pub(crate) fn new(camera: String) -> Self {
+    pub(crate) fn new(camera: String, announced: Option<usize>) -> Self {
         let health = CameraHealth { camera, ..CameraHealth::default() };
         Self {
             health,
@@ -34,11 +38,18 @@ impl CameraWatch {
             last_ns: 0,
             spans_ns: Vec::new(),
             sharpness_px: Vec::new(),
+            middle: announced.map(|frames| frames / 2),
+            picture: None,
         }
     }
 
-    /// Looks how sharp a frame is, of the first and some more of them.
-    pub(crate) fn looks_at(&mut self, frame: &Frame) {
+    /// Looks how sharp a frame is, of the first and some more of them, and keeps one for pictures: the middle one, or where
+    /// the length is not known the last whose number is a power of two, which is in the second half.
+    pub(crate) fn looks_at(&mut self, t_ns: i64, frame: &Frame) {
+        let number = self.health.frames;
+        if number == 0 || self.middle.map_or(number.is_power_of_two(), |middle| number == middle) {
+            self.picture = Some(TimedFrame { t_ns, frame: frame.clone() });
+        }
         if self.sharpness_px.len() < SHARPNESS_LOOKS && self.health.frames.is_multiple_of(SHARPNESS_EVERY) {
             self.sharpness_px.extend(sharpness::edge_px(frame));
         }
@@ -157,7 +168,7 @@ mod tests {
     fn the_dark_is_noted_with_its_time_from_its_first_frame_on() {
         let red = BallColor { name: "red".into(), rgb: [200, 40, 40] };
         let mut tracker = Tracker::new(&[red], 3.0..=10.0).unwrap();
-        let mut watch = CameraWatch::new("cam2".into());
+        let mut watch = CameraWatch::new("cam2".into(), None);
         for k in 0..20 {
             let light = if (5..9).contains(&k) || k >= 15 { 8 } else { 120 };
             let frame = Frame::from_rgb(SIZE, vec![light; 3 * SIZE.area_px()]).unwrap();
@@ -173,10 +184,25 @@ mod tests {
     }
 
     #[test]
+    fn one_frame_is_kept_from_about_the_middle() {
+        let kept = |announced: Option<usize>, frames: usize| {
+            let mut watch = CameraWatch::new("cam1".into(), announced);
+            for k in 0..frames {
+                let frame = Frame::from_rgb(SIZE, vec![100; 3 * SIZE.area_px()]).unwrap();
+                watch.looks_at(k as i64, &frame);
+                watch.saw(k as i64, false);
+            }
+            watch.picture.map(|picture| picture.t_ns)
+        };
+        assert_eq!((kept(Some(300), 300), kept(Some(300), 20)), (Some(150), Some(0)));
+        assert_eq!((kept(None, 300), kept(None, 1), kept(None, 0)), (Some(256), Some(0), None));
+    }
+
+    #[test]
     fn nothing_seen_is_nothing_noted() {
         let red = BallColor { name: "red".into(), rgb: [200, 40, 40] };
         let tracker = Tracker::new(&[red], 3.0..=10.0).unwrap();
-        let (health, findings) = CameraWatch::new("cam1".into()).finish(&tracker).report(0, &[0], &[0]);
+        let (health, findings) = CameraWatch::new("cam1".into(), None).finish(&tracker).report(0, &[0], &[0]);
         assert!(findings.is_empty() && health.markers[0].seen == 0.0);
     }
 }

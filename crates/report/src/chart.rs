@@ -1,8 +1,10 @@
 //! Stacked panels over one time axis, as SVG.
 
 use crate::ReportError;
-use crate::svg::{AXIS, Area, BLUE, Drawn, FONT, SKY, VERMILION, WIDTH, svg};
+use crate::svg::{AXIS, Area, BLUE, Drawn, FONT, SKY, VERMILION, svg};
+use crate::symbols;
 use plotters::prelude::*;
+use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::ops::Range;
 
@@ -20,6 +22,16 @@ pub(crate) enum Role {
 }
 
 impl Role {
+    /// The name by which the page's script and its style know it.
+    fn name(self) -> &'static str {
+        match self {
+            Self::Truth => "truth",
+            Self::Measured => "measured",
+            Self::Estimate => "estimate",
+            Self::Model => "model",
+        }
+    }
+
     fn color(self) -> RGBColor {
         match self {
             Self::Truth => BLACK,
@@ -42,12 +54,12 @@ pub(crate) struct Curve {
 }
 
 impl Curve {
-    /// The curve with no more points than its plot can show: of each column of pixels the first and the last
-    /// point, the lowest and the highest edge, and a break where there is one. Unchanged if it has fewer.
+    /// The curve with no more points than its plot can show: of each column the first and the last point, the lowest and
+    /// the highest edge, and a break where there is one. Unchanged if it has fewer.
     pub(crate) fn thinned(self) -> Self {
         let times = || self.points.iter().map(|p| p.0);
         let Some((start, end)) = bounds(times()).filter(|(start, end)| end > start) else { return self };
-        let columns = WIDTH as usize;
+        let columns = COLUMNS;
         if self.points.len() <= MOST_OF_A_COLUMN * columns {
             return self;
         }
@@ -71,7 +83,8 @@ impl Curve {
     }
 }
 
-/// Points of a column of pixels beyond which a curve is thinned.
+/// Columns of a plot, and points of one beyond which a curve is thinned: so that a page of an hour's flight stays small.
+const COLUMNS: usize = 400;
 const MOST_OF_A_COLUMN: usize = 5;
 
 pub(crate) struct Panel {
@@ -105,6 +118,52 @@ pub(crate) fn draw(chart: &Chart) -> Result<String, ReportError> {
         }
         Ok(())
     })
+}
+
+/// The numbers of a chart for the page's script: panels with their curves, each with times `t`, values `v` and half the
+/// widths `h` of its band; where a curve is broken, nulls.
+pub(crate) fn data(chart: &Chart) -> Value {
+    let points = || chart.panels.iter().flat_map(|p| &p.curves).flat_map(|c| &c.points);
+    let time = Rounding::of(points().map(|p| p.0));
+    let panel = |panel: &Panel| {
+        let edges = panel.curves.iter().flat_map(band).flat_map(|(_, low, high)| [low, high]);
+        let value = Rounding::of(panel.curves.iter().flat_map(|c| &c.points).map(|p| p.1).chain(edges));
+        let curve = |curve: &Curve| {
+            // Where time itself is not known there is nothing to draw.
+            let known = || (0..curve.points.len()).filter(|k| curve.points[*k].0.is_finite());
+            let half = |k: usize| curve.half_width.get(k).map(|half| value.json(*half));
+            json!({
+                "label": curve.label, "role": curve.role.name(),
+                "t": known().map(|k| time.json(curve.points[k].0)).collect::<Vec<_>>(),
+                "v": known().map(|k| value.json(curve.points[k].1)).collect::<Vec<_>>(),
+                "h": known().filter_map(half).collect::<Vec<_>>(),
+            })
+        };
+        let curves: Vec<Value> = panel.curves.iter().map(curve).collect();
+        json!({"axis": symbols::html(&panel.axis), "curves": curves})
+    };
+    json!({"axis": chart.axis, "panels": chart.panels.iter().map(panel).collect::<Vec<_>>()})
+}
+
+/// Numbers to a hundred-thousandth of their span: finer than any screen, with few digits.
+#[derive(Clone, Copy)]
+struct Rounding(i32);
+
+impl Rounding {
+    fn of(values: impl Iterator<Item = f64>) -> Self {
+        let span =
+            bounds(values).map_or(1.0, |(low, high)| (high - low).max(1e-5 * high.abs().max(low.abs())));
+        Self(if span > 0.0 { 5 - span.log10().floor() as i32 } else { 5 })
+    }
+
+    fn json(self, value: f64) -> Value {
+        if !value.is_finite() {
+            return Value::Null;
+        }
+        // Through text, so that the number is the nearest to its digits and is written with these.
+        let decimals = usize::try_from(self.0.clamp(0, 30)).unwrap_or(0);
+        format!("{value:.decimals$}").parse::<f64>().map_or(Value::Null, |v| json!(v))
+    }
 }
 
 fn legend(area: &Area<'_>, chart: &Chart) -> Drawn {
@@ -255,15 +314,15 @@ mod tests {
         let half_width = (0..100_000).map(|k| if k == 40_000 { 9.0 } else { 0.1 }).collect();
         let long = Curve { label: "long".to_owned(), role: Role::Estimate, points, half_width };
         let thin = long.clone().thinned();
-        assert!(thin.points.len() <= MOST_OF_A_COLUMN * (WIDTH as usize + 1), "{}", thin.points.len());
+        assert!(thin.points.len() <= MOST_OF_A_COLUMN * (COLUMNS + 1), "{}", thin.points.len());
         assert_eq!(thin.points.len(), thin.half_width.len());
         let at = |k: usize| thin.points.iter().position(|p| *p == long.points[k]);
         assert!(at(0).is_some() && at(99_999).is_some() && at(70_000).is_some());
         assert_eq!(at(40_000).map(|k| thin.half_width[k]), Some(9.0));
         assert!(thin.points.iter().any(|p| p.1.is_nan()));
         assert!(thin.points.windows(2).all(|w| w[0].0 < w[1].0));
-        let short = Curve { points: long.points[..4000].to_vec(), half_width: vec![], ..long };
-        assert_eq!(short.clone().thinned().points.len(), 4000);
+        let short = Curve { points: long.points[..2000].to_vec(), half_width: vec![], ..long };
+        assert_eq!(short.clone().thinned().points.len(), 2000);
     }
 
     #[test]
@@ -280,6 +339,18 @@ mod tests {
         let svg = draw(&banded).expect("a plot");
         assert_eq!(svg.matches("<polygon").count(), 2);
         assert!(!svg.contains("NaN"));
+    }
+
+    #[test]
+    fn the_numbers_of_a_chart_are_those_of_its_curves_and_breaks_are_nulls() {
+        let mut banded = chart(vec![(0.0, 1e-5), (1.0 / 3.0, 2e-5), (1.0, f64::NAN), (f64::NAN, 1.0)]);
+        banded.panels[0].curves[0].half_width = vec![1e-6, 2e-6, f64::INFINITY, 0.0];
+        let data = data(&banded);
+        let curve = &data["panels"][0]["curves"][0];
+        assert_eq!(curve["t"], json!([0.0, 0.33333, 1.0]));
+        assert_eq!(curve["v"].as_array().map(Vec::len), Some(3));
+        assert!((curve["v"][1].as_f64().expect("a value") - 2e-5).abs() < 1e-9 && curve["v"][2].is_null());
+        assert!(curve["h"][2].is_null() && curve["role"] == "estimate");
     }
 
     #[test]

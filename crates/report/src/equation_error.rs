@@ -157,13 +157,14 @@ fn autocorrelation(fit: &OutputFit, interval_s: f64) -> Panel {
     let all = &fit.diagnostics.autocorrelations;
     let bound = 1.96 / (fit.diagnostics.fit.count.max(1) as f64).sqrt();
     let last_s = interval_s * all.len() as f64;
-    let level = |v: f64| [(0.0, v), (last_s, v), (last_s, f64::NAN)];
+    let level = |v: f64| curve("95 % of white ones", Role::Truth, [(0.0, v), (last_s, v)].into_iter());
     let points = all.iter().enumerate().map(|(k, r)| (interval_s * (k + 1) as f64, *r));
     Panel {
         axis: format!("r({})", fit.output),
         curves: vec![
             curve("autocorrelation of residuals", Role::Estimate, points),
-            curve("95 % of white ones", Role::Truth, level(bound).into_iter().chain(level(-bound))),
+            level(bound),
+            level(-bound),
         ],
     }
 }

@@ -1,17 +1,15 @@
 //! The figures of the report, numbered as in the paper.
 
-use crate::chart::{Chart, Curve, Panel, Role, draw};
+use crate::chart::{Chart, Curve, Panel, Role, data, draw};
 use crate::heatmap::{HeatMap, draw_heat_maps};
-use crate::html::{data_address, image};
 use crate::{Figure, ReportError};
 use mavsight_flight::InputSeries;
-use mavsight_geometry::{EulerAngles, ImageSize, Isometry3, Vector2, Vector3};
+use mavsight_geometry::{EulerAngles, Isometry3, Vector3};
 use mavsight_pose::{
     MapPlane, MotionSample, PoseEstimate, PoseSample, Rig, control_volume, euler_std, precision_map,
 };
 use mavsight_session::RunResults;
 use mavsight_simulator::FlightState;
-use mavsight_vision::Frame;
 
 type Of<'a, T> = &'a dyn Fn(&T) -> f64;
 
@@ -28,7 +26,8 @@ pub(crate) fn figure_over(
     caption: &str,
     panels: Vec<Panel>,
 ) -> Result<Figure, ReportError> {
-    Ok(Figure { caption: caption.to_owned(), markup: draw(&Chart { axis, panels })? })
+    let chart = Chart { axis, panels };
+    Ok(Figure { data: Some(data(&chart)), ..Figure::new(caption, draw(&chart)?) })
 }
 
 fn seconds(t_ns: i64) -> f64 {
@@ -50,80 +49,7 @@ pub(crate) fn precision(rig: &Rig, pixel_std_px: f64) -> Result<Vec<Figure>, Rep
         "Predicted error (3-D standard deviation) of the place of one ball whose centre is seen with {pixel_std_px:.3} px \
          in each coordinate, with all that is not known of the cameras; crossed out where fewer than two cameras see it."
     );
-    Ok(vec![Figure { caption, markup: draw_heat_maps(&maps, "mm")? }])
-}
-
-/// Figure 4: the object from the first camera; figure 6: the flight's path over a frame of each camera.
-pub(crate) fn pictures(frames: &[Frame], results: &RunResults) -> Result<Vec<Figure>, ReportError> {
-    let mut figures = Vec::new();
-    let Some(rig) = &results.rig else { return Ok(figures) };
-    for (k, (camera, frame)) in rig.cameras.iter().zip(frames).enumerate() {
-        let seen = results.poses.iter().map(|p| {
-            let place = p.estimate.as_ref().ok()?.world_from_body.translation.vector;
-            Some(camera.camera.project(&place).ok()?.pixel)
-        });
-        let seen: Vec<Option<Vector2<f64>>> = seen.collect();
-        if let Some(first) = seen.iter().flatten().next().filter(|_| k == 0) {
-            let caption = "Figure 4: the observed object, from the first frame of the first camera.";
-            figures.push(Figure { caption: caption.to_owned(), markup: image(&close_up(frame, first)?) });
-        }
-        let ImageSize { width_px, height_px } = frame.size;
-        let picture = png(frame.to_rgb(), width_px, height_px)?;
-        let caption = format!("Figure 6: path of the body origin over the first frame of {}.", camera.name);
-        figures.push(Figure { caption, markup: with_path(&picture, frame.size, &seen) });
-    }
-    Ok(figures)
-}
-
-/// A picture with a white line on a black one over it, broken where there is no point.
-fn with_path(png: &[u8], size: ImageSize, points: &[Option<Vector2<f64>>]) -> String {
-    let (mut path, mut last) = (String::new(), None::<Vector2<f64>>);
-    for point in points {
-        let Some(p) = point else {
-            last = None;
-            continue;
-        };
-        // Steps of less than half a pixel do not show.
-        if last.is_none_or(|last| (p - last).norm() > 0.5) {
-            // The middle of the first pixel is half a pixel from the corner.
-            path += &format!("{}{:.1} {:.1}", if last.is_some() { "L" } else { "M" }, p.x + 0.5, p.y + 0.5);
-            last = Some(*p);
-        }
-    }
-    let line = |color: &str, width: f64| {
-        format!("<path d=\"{path}\" fill=\"none\" stroke=\"{color}\" stroke-width=\"{width}\"/>")
-    };
-    format!(
-        "<svg role=\"img\" viewBox=\"0 0 {0} {1}\"><image width=\"{0}\" height=\"{1}\" href=\"{2}\"/>{3}{4}</svg>",
-        size.width_px,
-        size.height_px,
-        data_address(png),
-        line("#000", 3.5),
-        line("#fff", 1.8)
-    )
-}
-
-/// A window of a quarter of the frame around a point, enlarged fourfold.
-fn close_up(frame: &Frame, at: &Vector2<f64>) -> Result<Vec<u8>, ReportError> {
-    const ENLARGE: u32 = 4;
-    let (width, height) = (frame.size.width_px / 4, frame.size.height_px / 5);
-    let place =
-        |c: f64, half: u32, end: u32| (c - f64::from(half / 2)).clamp(0.0, f64::from(end - half)) as u32;
-    let (x0, y0) = (place(at.x, width, frame.size.width_px), place(at.y, height, frame.size.height_px));
-    let mut rgb = Vec::with_capacity((width * height * ENLARGE * ENLARGE * 3) as usize);
-    for y in 0..height * ENLARGE {
-        for x in 0..width * ENLARGE {
-            rgb.extend(frame.rgb((x0 + x / ENLARGE) as usize, (y0 + y / ENLARGE) as usize));
-        }
-    }
-    png(rgb, width * ENLARGE, height * ENLARGE)
-}
-
-fn png(rgb: Vec<u8>, width: u32, height: u32) -> Result<Vec<u8>, ReportError> {
-    let mut bytes = std::io::Cursor::new(Vec::new());
-    let image = image::RgbImage::from_raw(width, height, rgb).ok_or(ReportError::Picture)?;
-    image.write_to(&mut bytes, image::ImageFormat::Png).map_err(|_| ReportError::Picture)?;
-    Ok(bytes.into_inner())
+    Ok(vec![Figure::new(caption, draw_heat_maps(&maps, "mm")?)])
 }
 
 /// Figure 7: recorded inputs, two neighbours of one unit in a panel; none where no input was recorded.

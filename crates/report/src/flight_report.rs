@@ -1,13 +1,15 @@
-//! The report of a flight: which figures and tables of the paper it shows.
+//! The report of a flight: what a reader sees first, and which figures and tables of the paper follow.
 
 use crate::camera_tables::camera_tables;
+use crate::findings::MOST;
+use crate::intervals::Estimates;
 use crate::sections::pixel_std_px;
 use crate::summary::title;
-use crate::{Report, ReportError, Row, Summary, Table, equation_error, figures, output_error, render};
+use crate::{Figure, Report, ReportError, Row, Summary, Table};
+use crate::{equation_error, figures, output_error, overlay, overview, render};
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_session::{RunResults, results::names, write_whole};
 use mavsight_simulator::FlightState;
-use mavsight_vision::Frame;
 use std::path::Path;
 
 /// What a report shows in addition to the results.
@@ -19,8 +21,6 @@ pub struct FlightReport<'a> {
     pub inputs: Option<&'a InputSeries>,
     /// Truth, drawn next to the estimates.
     pub truth: Option<&'a [FlightState]>,
-    /// The first frame of each camera.
-    pub frames: &'a [Frame],
 }
 
 /// Writes `report.html` into a folder.
@@ -33,53 +33,51 @@ pub fn write_report(
     summary: &Summary,
     out: &Path,
 ) -> Result<(), ReportError> {
+    let overlays = overlay::overlays(flight.vehicle, results)?;
+    let motion = figures::motion(results, flight.truth)?;
+    let coefficients = equation_error::figures(results)?;
     let mut report = Report {
-        title: format!("mavsight: {}", results.session),
-        lead: lead(flight, results),
-        headline: headline(summary),
-        verdicts: summary.verdicts.clone(),
-        notes: summary.notes.clone(),
-        sections: Vec::new(),
+        title: results.session.clone(),
+        lead: overview::sentences(flight.vehicle, results, summary),
+        overview: overview::pictures(results, &overlays, &motion, &coefficients),
+        parameters: Estimates::of(results).table(flight.vehicle),
+        advice: summary.advice.iter().take(MOST).cloned().collect(),
+        ..Report::default()
     };
-    report.add("Figures of merit", summary_tables(summary), vec![]);
+    report.fold("Verdicts on the parameters", summary.verdicts.clone(), vec![], vec![]);
+    report.fold("Notes", summary.notes.clone(), vec![], vec![]);
+    report.fold("Figures of merit", vec![], summary_tables(summary), vec![]);
+    report.fold("Quality of each instant", vec![], vec![], figures::quality(results)?);
+    let estimators = output_error::tables(results);
+    report.fold("Estimators side by side", vec![], estimators, vec![]);
+    let mut tables: Vec<Table> = Vec::new();
+    let mut drawn: Vec<Figure> = Vec::new();
     if let Some(rig) = &results.rig {
-        let mut pictures = figures::precision(rig, pixel_std_px(results))?;
-        pictures.extend(figures::pictures(flight.frames, results)?);
-        report.add("Cameras", camera_tables(rig), pictures);
+        let (of_paper, others) = split(camera_tables(rig), |t| is_of_paper(&t.caption));
+        tables.extend(of_paper);
+        report.fold("Cameras", vec![], others, figures::precision(rig, pixel_std_px(results))?);
+        drawn.extend(overlay::pictures(results, &overlays)?);
     }
-    let inputs = flight.inputs.map(figures::inputs).transpose()?.flatten();
-    report.add("Aircraft and inputs", vec![vehicle_table(flight.vehicle)], inputs.into_iter().collect());
-    report.add("Motion", vec![], figures::motion(results, flight.truth)?);
-    report.add("Coefficients", equation_error::tables(results), equation_error::figures(results)?);
-    report.add("Equations of motion", output_error::tables(results), vec![]);
-    report.add("Quality", vec![], figures::quality(results)?);
+    tables.push(vehicle_table(flight.vehicle));
+    drawn.extend(flight.inputs.map(figures::inputs).transpose()?.flatten());
+    drawn.extend(motion);
+    let (of_paper, others) = split(equation_error::tables(results), |t| is_of_paper(&t.caption));
+    tables.extend(of_paper);
+    let (of_flight, residuals) = split(coefficients, |f| is_of_paper(&f.caption));
+    drawn.extend(of_flight);
+    report.fold("Equation error in detail", vec![], others, residuals);
+    report.fold("Appendix: as in the paper", vec![], tables, drawn);
     write_whole(&out.join(names::REPORT), render(&report)?.as_bytes())?;
     Ok(())
 }
 
-fn lead(flight: &FlightReport<'_>, results: &RunResults) -> String {
-    let instants = results.poses.len();
-    let end_s = results.poses.last().map_or(0.0, |p| p.t_ns as f64 * 1e-9);
-    let truth = if flight.truth.is_some() { " Truth is drawn as a black dashed line." } else { "" };
-    format!("{}: {instants} instants over {end_s:.1} s.{truth}", flight.vehicle.name)
+/// Whether a table or a figure bears a number of the paper.
+fn is_of_paper(caption: &str) -> bool {
+    ["Table ", "Figure "].iter().any(|word| caption.starts_with(word))
 }
 
-fn headline(summary: &Summary) -> Vec<(String, String)> {
-    let wanted = [
-        ("poses", "measured", "frames measured"),
-        ("motion", "position_std_mm", "predicted position error"),
-        ("truth", "motion_position_rms_mm", "position error against truth"),
-        ("truth", "motion_attitude_rms_deg", "roll, pitch, yaw error against truth"),
-        ("fit", "C_X_r2", "R² of C_X"),
-        ("fit", "C_m_r2", "R² of C_m"),
-    ];
-    wanted
-        .iter()
-        .filter_map(|(section, key, label)| {
-            let row = summary.rows.iter().find(|r| r.section == *section && r.key == *key)?;
-            Some(((*label).to_owned(), row.shown.clone()))
-        })
-        .collect()
+fn split<T>(all: Vec<T>, is_first: impl Fn(&T) -> bool) -> (Vec<T>, Vec<T>) {
+    all.into_iter().partition(is_first)
 }
 
 fn summary_tables(summary: &Summary) -> Vec<Table> {

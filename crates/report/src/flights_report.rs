@@ -66,11 +66,11 @@ pub fn write_flights_report(
     let differing = parameters.iter().filter(|p| p.pooled.heterogeneity.is_significant()).count();
     let mut report = Report {
         title: format!("mavsight: {title}, {} flights", flights.len()),
-        lead: format!(
+        lead: vec![format!(
             "{}. A mean is over flights like these: its 95 % interval covers what differs from flight to flight, not what is \
              wrong alike in all.",
             flights.join(", ")
-        ),
+        )],
         headline: vec![
             ("Flights".into(), flights.len().to_string()),
             ("Parameters pooled".into(), parameters.len().to_string()),
@@ -90,7 +90,7 @@ pub fn write_flights_report(
                  deviation between flights to either side.",
                 label(p)
             );
-            Ok(Figure { caption, markup: forest(p, flights)? })
+            Ok(Figure::new(caption, forest(p, flights)?))
         });
         report.add(name, vec![table], plots.collect::<Result<_, ReportError>>()?);
     }

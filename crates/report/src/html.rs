@@ -1,6 +1,8 @@
 //! One HTML file that opens anywhere.
 
-use base64::Engine;
+use crate::findings::Advice;
+use crate::intervals::IntervalTable;
+use crate::symbols;
 use minijinja::value::Serde;
 use minijinja::{AutoEscape, Environment, Value, context};
 use plotters::drawing::DrawingAreaErrorKind;
@@ -60,12 +62,26 @@ pub(crate) fn row<C: Into<String>>(
 }
 
 /// A picture with its caption.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Default, Serialize)]
 pub struct Figure {
     /// Below it.
     pub caption: String,
     /// SVG or `<img>` markup, made by this crate.
     pub markup: String,
+    /// The numbers of a chart, with which the page's script draws it so that it can be zoomed and read out.
+    pub data: Option<serde_json::Value>,
+}
+
+impl Figure {
+    /// A figure whose caption also describes it to those who do not see it.
+    pub fn new(caption: impl Into<String>, markup: String) -> Self {
+        let caption = caption.into();
+        let label = symbols::escaped(&caption);
+        let markup = markup
+            .replacen("<svg role=\"img\"", &format!("<svg role=\"img\" aria-label=\"{label}\""), 1)
+            .replacen("<img alt=\"\"", &format!("<img alt=\"{label}\""), 1);
+        Self { caption, markup, data: None }
+    }
 }
 
 /// What a report shows, in order.
@@ -73,55 +89,78 @@ pub struct Figure {
 pub struct Report {
     /// Heading.
     pub title: String,
-    /// One paragraph under it.
-    pub lead: String,
+    /// Under it, a few sentences.
+    pub lead: Vec<String>,
     /// The figures that matter most: label and value.
     pub headline: Vec<(String, String)>,
-    /// Verdicts on identifiability, a paragraph each.
-    pub verdicts: Vec<String>,
-    /// What could not be had, and why.
-    pub notes: Vec<String>,
+    /// Pictures that fill the first screen together with the heading and the sentences.
+    pub overview: Vec<Figure>,
+    /// Parameters with their intervals drawn.
+    pub parameters: Option<IntervalTable>,
+    /// What to mend, most harmful first.
+    pub advice: Vec<Advice>,
     /// Sections, in order.
     pub sections: Vec<ReportSection>,
 }
 
 /// A part of a report under a heading of its own.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Default, Serialize)]
 pub struct ReportSection {
     /// Heading.
     pub heading: String,
+    /// Paragraphs, before all else.
+    pub texts: Vec<String>,
     /// Tables, before the figures.
     pub tables: Vec<Table>,
     /// Figures.
     pub figures: Vec<Figure>,
+    /// Whether only its heading is seen until it is opened.
+    pub is_folded: bool,
 }
 
 impl Report {
     /// Adds a section; one without tables and figures is left out.
     pub fn add(&mut self, heading: &str, tables: Vec<Table>, figures: Vec<Figure>) {
-        if !tables.is_empty() || !figures.is_empty() {
-            self.sections.push(ReportSection { heading: heading.to_owned(), tables, figures });
+        self.push(ReportSection { heading: heading.to_owned(), tables, figures, ..ReportSection::default() });
+    }
+
+    /// Adds a section that is folded; an empty one is left out.
+    pub(crate) fn fold(
+        &mut self,
+        heading: &str,
+        texts: Vec<String>,
+        tables: Vec<Table>,
+        figures: Vec<Figure>,
+    ) {
+        self.push(ReportSection { heading: heading.to_owned(), texts, tables, figures, is_folded: true });
+    }
+
+    fn push(&mut self, section: ReportSection) {
+        if !(section.texts.is_empty() && section.tables.is_empty() && section.figures.is_empty()) {
+            self.sections.push(section);
         }
     }
 }
 
-pub(crate) fn data_address(png: &[u8]) -> String {
-    format!("data:image/png;base64,{}", base64::engine::general_purpose::STANDARD.encode(png))
-}
-
-pub(crate) fn image(png: &[u8]) -> String {
-    format!("<img alt=\"\" src=\"{}\">", data_address(png))
-}
-
-/// Renders a report as one file: no script, no font, no picture from elsewhere.
+/// Renders a report as one file: nothing in it comes from elsewhere.
 ///
 /// # Errors
 /// [`ReportError::Template`].
 pub fn render(report: &Report) -> Result<String, ReportError> {
     let mut environment = Environment::new();
     environment.set_auto_escape_callback(|_| AutoEscape::Html);
-    environment.add_template("report", include_str!("report.html"))?;
-    Ok(environment.get_template("report")?.render(context! { r => Value::from(Serde(report)) })?)
+    environment.add_filter("symbols", |text: &str| Value::from_safe_string(symbols::html(text)));
+    // A script ends at the first "</": JSON has another way to write it.
+    environment.add_filter("json", |data: Serde<serde_json::Value>| {
+        Value::from_safe_string(data.0.to_string().replace('<', "\\u003c"))
+    });
+    environment.add_template("report", include_str!("page/report.html"))?;
+    let parts = context! {
+        r => Value::from(Serde(report)),
+        style => Value::from_safe_string(concat!(include_str!("uplot/uPlot.min.css"), include_str!("page/report.css")).to_owned()),
+        script => Value::from_safe_string(concat!(include_str!("uplot/uPlot.iife.min.js"), "\n", include_str!("page/report.js")).to_owned()),
+    };
+    Ok(environment.get_template("report")?.render(parts)?)
 }
 
 #[cfg(test)]
@@ -132,19 +171,23 @@ mod tests {
     fn text_is_escaped_and_nothing_is_loaded_from_elsewhere() {
         let mut report = Report {
             title: "flight <script>".to_owned(),
-            verdicts: vec!["C_m & C_X".to_owned()],
+            lead: vec!["a & b".to_owned()],
             ..Report::default()
         };
         let table = Table::new("t", ["a"], vec![vec!["1 < 2".into()]]);
-        report.add(
-            "Motion",
-            vec![table],
-            vec![Figure { caption: "a picture".into(), markup: image(b"not really") }],
-        );
+        let data = Some(serde_json::json!({"axis": "</script><script>bad()", "panels": []}));
+        let figure =
+            Figure { data, ..Figure::new("a \"picture\"", "<img alt=\"\" src=\"data:,x\">".to_owned()) };
+        report.add("Motion", vec![table], vec![figure]);
+        report.fold("Verdict", vec!["C_m & <b>".to_owned()], vec![], vec![]);
         let html = render(&report).expect("a report");
-        assert!(html.contains("flight &lt;script&gt;") && !html.contains("<script"));
-        assert!(html.contains("C_m &amp; C_X") && html.contains("1 &lt; 2"));
-        assert!(html.contains("data:image/png;base64,bm90IHJlYWxseQ=="));
-        assert!(!html.contains("http:") && !html.contains("https:"));
+        assert!(html.contains("flight &lt;script&gt;") && !html.contains("<script>bad"));
+        assert!(html.contains("<var>C</var><sub>m</sub> &amp; &lt;b&gt;"));
+        assert!(html.contains("a &amp; b") && html.contains("1 &lt; 2"));
+        assert!(html.contains("alt=\"a &quot;picture&quot;\""));
+        for elsewhere in ["src=\"http", "href=\"http", "url(", "@import", "<link", "src=\"//"] {
+            assert!(!html.contains(elsewhere), "{elsewhere}");
+        }
+        assert!(html.contains("default-src 'none'"), "a browser loads nothing else either");
     }
 }

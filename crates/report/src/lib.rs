@@ -5,23 +5,34 @@
 
 mod camera_tables;
 mod chart;
+mod digits;
 mod drawing;
 mod equation_error;
 mod figures;
+mod findings;
 mod flight_report;
 mod flights_report;
 mod heatmap;
 mod html;
+mod intervals;
 mod output_error;
+mod overlay;
+mod overview;
 mod parameters;
 mod plan_report;
 mod sections;
+mod space;
 mod summary;
 mod svg;
+mod symbols;
+mod terminal;
 
+pub use findings::{Advice, Harm};
 pub use flight_report::{FlightReport, write_report};
 pub use flights_report::{pooled_text, write_flights_report};
 pub use html::{Figure, Report, ReportError, ReportSection, Table, render};
+pub use intervals::IntervalTable;
 pub use parameters::parameter_text;
 pub use plan_report::{CameraPlan, angle_deg, least, write_plan_report};
 pub use summary::{Row, Summary};
+pub use terminal::brief;

@@ -82,11 +82,7 @@ fn prediction(name: &str, held: &Prediction) -> String {
 fn ahead_of(name: &str, errors: &AheadErrors) -> String {
     let shown =
         |e: &PoseErrors| format!("{:.1} mm and {:.2}°", 1e3 * e.position_m, e.attitude_rad.to_degrees());
-    let is_better = |model: &PoseErrors| {
-        model.position_m < errors.held.position_m && model.attitude_rad < errors.held.attitude_rad
-    };
-    let is_of_use = errors.ran_away == 0 && errors.model.as_ref().is_some_and(is_better);
-    let verdict = if is_of_use { "" } else { ": do not use its parameters" };
+    let verdict = if is_of_use(errors) { "" } else { ": do not use its parameters" };
     let ran_away = match errors.ran_away {
         0 => String::new(),
         count => format!(" ({count} of them ran away)"),
@@ -99,6 +95,19 @@ fn ahead_of(name: &str, errors: &AheadErrors) -> String {
         errors.model.as_ref().map_or("nowhere".to_owned(), shown),
         shown(&errors.held)
     )
+}
+
+/// Whether a fit predicts better than motion that goes on as it is.
+pub(crate) fn is_of_use(errors: &AheadErrors) -> bool {
+    let is_better = |model: &PoseErrors| {
+        model.position_m < errors.held.position_m && model.attitude_rad < errors.held.attitude_rad
+    };
+    errors.ran_away == 0 && errors.model.as_ref().is_some_and(is_better)
+}
+
+/// Which estimators contradict each other.
+pub(crate) fn disagreements(results: &RunResults) -> impl Iterator<Item = String> {
+    comparisons(results).into_iter().filter(|c| c.test.is_significant()).map(|c| sentence(&c))
 }
 
 fn comparisons(results: &RunResults) -> Vec<Comparison> {
@@ -126,7 +135,7 @@ fn sentence(c: &Comparison) -> String {
     )
 }
 
-fn held(fits: &FlightFits) -> Option<String> {
+pub(crate) fn held(fits: &FlightFits) -> Option<String> {
     let any = fits.named().next().is_some() && !fits.held.is_empty();
     any.then(|| {
         format!(

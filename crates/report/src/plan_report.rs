@@ -45,11 +45,11 @@ pub fn write_plan_report(plan: &CameraPlan<'_>, out: &Path) -> Result<(), Report
     let prediction = &best.prediction;
     let mut report = Report {
         title: format!("mavsight plan: {}", planner.room().name),
-        lead: format!(
+        lead: vec![format!(
             "{} cameras; standard deviations of the body's pose are predicted, roots of the traces of the covariances of position and attitude, \
              calibration, markers and centres as the room file says.",
             best.placed.len()
-        ),
+        )],
         headline: vec![
             ("Position, mean".into(), format!("{:.2} mm", prediction.mean.position_std_mm)),
             ("Position, worst".into(), format!("{:.2} mm", prediction.worst.position_std_mm)),
@@ -58,8 +58,7 @@ pub fn write_plan_report(plan: &CameraPlan<'_>, out: &Path) -> Result<(), Report
         ],
         ..Report::default()
     };
-    let room =
-        Figure { caption: "The best placement. Lines bound what a camera sees.".into(), markup: drawing };
+    let room = Figure::new("The best placement. Lines bound what a camera sees.", drawing);
     report.add("Where the cameras go", vec![placements(plan)], vec![room]);
     report.add("Millimetres through the volume", vec![], vec![maps(planner, best)?]);
     if let [angles, distances] = &plan.study
@@ -152,7 +151,7 @@ fn maps(planner: &Planner, best: &Ranked) -> Result<Figure, ReportError> {
     };
     let maps = HeatMap::through(&volume, MAP_CELLS, values);
     let caption = "Predicted standard deviation of the body's position, mean over the headings; crossed where some marker is not seen by two cameras.";
-    Ok(Figure { caption: caption.into(), markup: draw_heat_maps(&maps, "mm")? })
+    Ok(Figure::new(caption, draw_heat_maps(&maps, "mm")?))
 }
 
 fn drawing(planner: &Planner, best: &Ranked) -> RoomDrawing {

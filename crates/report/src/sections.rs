@@ -6,7 +6,7 @@ mod motion;
 mod truth;
 
 use crate::summary::{Summary, listed};
-use crate::{equation_error, output_error};
+use crate::{equation_error, findings, output_error};
 use mavsight_pipeline::Finding;
 use mavsight_pose::{ClockEstimate, ClockVerdict};
 use mavsight_score::Scores;
@@ -23,9 +23,14 @@ impl Summary {
             let camera = found.camera.and_then(|k| results.camera_names.get(k));
             json!({"causes": causes, "camera": camera, "note": found.note})
         };
-        let findings = results.findings.iter().map(finding).collect();
-        let mut summary =
-            Self { rows: Vec::new(), verdicts: Vec::new(), notes: results.notes.clone(), findings };
+        let faults = results.findings.iter().map(finding).collect();
+        let mut summary = Self {
+            rows: Vec::new(),
+            verdicts: Vec::new(),
+            notes: results.notes.clone(),
+            advice: Vec::new(),
+            findings: faults,
+        };
         cameras::add(&mut summary, results);
         for (name, clock) in results.camera_names.iter().zip(&results.camera_clocks) {
             add_clock(&mut summary, name, clock);
@@ -40,6 +45,7 @@ impl Summary {
         if let Some(scores) = scores {
             truth::add(&mut summary, scores);
         }
+        summary.advice = findings::of(results, &summary.notes);
         summary
     }
 }

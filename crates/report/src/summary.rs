@@ -27,6 +27,8 @@ pub struct Summary {
     pub verdicts: Vec<String>,
     /// What could not be had, and why.
     pub notes: Vec<String>,
+    /// What to mend, most harmful first.
+    pub advice: Vec<crate::Advice>,
     /// What is wrong with cameras, recordings and files: `causes`, one where it is decided; `camera`, its
     /// name; `note`.
     pub findings: Vec<Value>,
@@ -107,6 +109,11 @@ impl Summary {
         sections.insert("notes".to_owned(), json!(self.notes));
         sections.insert("findings".to_owned(), json!(self.findings));
         Value::Object(sections)
+    }
+
+    /// The figure of a section and a key, as people see it.
+    pub(crate) fn figure(&self, section: &str, key: &str) -> Option<&Row> {
+        self.rows.iter().find(|r| r.section == section && r.key == key)
     }
 
     /// For people: aligned text.

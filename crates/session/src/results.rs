@@ -8,7 +8,7 @@ mod write;
 
 use mavsight_identify::output_error::FlightFits;
 use mavsight_identify::{Clocks, CoefficientTable, Identification};
-use mavsight_pipeline::{CameraHealth, CentreQuality, Finding};
+use mavsight_pipeline::{CameraHealth, CentreQuality, Finding, TimedFrame};
 use mavsight_pose::{ClockEstimate, MarkerObservation, Motion, PoseSample, Rig};
 
 pub use read::{MarkerAsBuilt, has_assumed_std, read_body, read_markers, read_poses, read_summary};
@@ -80,6 +80,9 @@ pub struct RunResults {
     pub camera_health: Vec<CameraHealth>,
     /// How good the markers' centres are; none where the poses come from elsewhere.
     pub centres: Option<CentreQuality>,
+    /// A frame of each camera, in the order of `camera_names`, at its time by the common clock; empty where there is no
+    /// video. No result file holds them.
+    pub pictures: Vec<TimedFrame>,
     /// What is wrong with cameras, recordings and files, and what explains it; each has its note too.
     pub findings: Vec<Finding>,
     /// What could not be had, and why.

@@ -76,14 +76,8 @@ pub(crate) fn demo(args: &Demo) -> Result<()> {
     write_inputs(&args.out.join("inputs.csv"), &inputs)?;
     write_truth(&args.out.join("truth.csv"), &truth, &vehicle)?;
     write_control_points(&args.out.join("control_points.csv"), &lab::control_points())?;
-    let mut frames = Vec::new();
-    for film in films.iter().filter(|_| !truth.is_empty()) {
-        let rgb = film.frame(0, &aircraft, &truth[0], interval_s);
-        frames.push(Frame::from_rgb(film.camera.camera.size, rgb)?);
-    }
-    let report =
-        FlightReport { vehicle: &vehicle, inputs: Some(&inputs), truth: Some(&truth), frames: &frames };
-    finish(&mut results, Some(&scores), &report, &args.out)
+    let report = FlightReport { vehicle: &vehicle, inputs: Some(&inputs), truth: Some(&truth) };
+    finish(&mut results, Some(&scores), &report, &args.out, args.verbose)
 }
 
 pub(super) struct FilmedFlight<'a> {

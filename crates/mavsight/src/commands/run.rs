@@ -6,8 +6,8 @@ use crate::cli::Run;
 use crate::out::{out, outln};
 use crate::progress::Bars;
 use anyhow::{Context, Result};
-use mavsight_engine::{Options, first_frames, recorded_inputs};
-use mavsight_report::{FlightReport, Summary, write_report};
+use mavsight_engine::{Options, recorded_inputs};
+use mavsight_report::{FlightReport, Summary, brief, write_report};
 use mavsight_score::{Scores, score_identity, score_motion, score_poses, truth_of, visibility_of};
 use mavsight_session::{RunResults, Session, results::names, write_results};
 use mavsight_simulator::FlightState;
@@ -33,8 +33,6 @@ fn run_one(args: &Run, session: &Session, out: &Path) -> Result<RunResults> {
     require_folder(out)?;
     let (inputs, truth) = (recorded_inputs(session)?, named(truth_of(session))?);
     let bars = Bars::new();
-    // Before the run: decoding needs memory that a long flight needs later.
-    let frames = first_frames(session)?;
     let options = Options {
         equation_error_only: args.equation_error_only,
         lag_s: args.lag,
@@ -51,13 +49,8 @@ fn run_one(args: &Run, session: &Session, out: &Path) -> Result<RunResults> {
         scores.identity = Some(score_identity(&results.poses, truth, &markers, &visible));
     }
     bars.done();
-    let report = FlightReport {
-        vehicle: &session.vehicle,
-        inputs: inputs.as_ref(),
-        truth: truth.as_deref(),
-        frames: &frames,
-    };
-    finish(&mut results, scores.as_ref(), &report, out)?;
+    let report = FlightReport { vehicle: &session.vehicle, inputs: inputs.as_ref(), truth: truth.as_deref() };
+    finish(&mut results, scores.as_ref(), &report, out, args.verbose)?;
     Ok(results)
 }
 
@@ -69,19 +62,25 @@ pub(crate) fn scores_of(results: &RunResults, truth: &[FlightState]) -> Scores {
     }
 }
 
-/// Writes every result file and the report, and prints the summary.
+/// Writes every result file and the report, and prints the summary: on one screen, or all figures, verdicts and notes.
 pub(crate) fn finish(
     results: &mut RunResults,
     scores: Option<&Scores>,
     report: &FlightReport<'_>,
     out: &Path,
+    is_verbose: bool,
 ) -> Result<()> {
     let summary = Summary::of(results, scores);
     results.summary = summary.json();
     write_results(out, results)?;
     remove_stale(results, out)?;
     write_report(report, results, &summary, out)?;
-    print_summary(&summary, results, out)
+    if is_verbose {
+        return print_summary(&summary, results, out);
+    }
+    out!("{}", brief(report.vehicle, results, &summary));
+    outln!("\nResults: {} ({}; every figure with --verbose)", out.display(), names::REPORT);
+    require_a_pose(results)
 }
 
 /// Prints the summary and where the results are. A flight of which nothing was measured is refused.

@@ -147,13 +147,8 @@ pub(crate) fn report(args: &Stage) -> Result<()> {
     bars.done();
     let scores = truth.as_deref().map(|t| scores_of(&results, t));
     let summary = Summary::of(&results, scores.as_ref());
-    let frames = first_frames(&session)?;
-    let report = FlightReport {
-        vehicle: &session.vehicle,
-        inputs: inputs.as_ref(),
-        truth: truth.as_deref(),
-        frames: &frames,
-    };
+    results.pictures = first_frames(&session)?;
+    let report = FlightReport { vehicle: &session.vehicle, inputs: inputs.as_ref(), truth: truth.as_deref() };
     write_report(&report, &results, &summary, &args.out)?;
     outln!("{}", args.out.join(names::REPORT).display());
     Ok(())

@@ -1,0 +1,258 @@
+//! A frame of each camera with what was found in it.
+
+use crate::symbols::escaped;
+use crate::{Figure, ReportError};
+use base64::Engine;
+use image::codecs::jpeg::JpegEncoder;
+use image::imageops::FilterType;
+use mavsight_flight::Vehicle;
+use mavsight_geometry::{Camera, ImageSize, Isometry3, Point3, Vector2, Vector3};
+use mavsight_pipeline::TimedFrame;
+use mavsight_pose::MarkerObservation;
+use mavsight_session::RunResults;
+use mavsight_vision::Frame;
+
+/// Widest picture of a whole frame, and of a part of one.
+const WHOLE_PX: u32 = 1280;
+const PART_PX: u32 = 720;
+const JPEG_QUALITY: u8 = 85;
+/// The part of a frame that is shown reaches so many times as far as the balls.
+const AROUND: f64 = 1.7;
+/// It is not smaller than this share of the frame's height.
+const LEAST_SHARE: f64 = 0.2;
+
+/// The part of a frame around the aircraft, with the balls as they were detected, as the pose puts them, and the
+/// body's axes.
+pub(crate) struct Overlay {
+    /// Which camera and when.
+    pub title: String,
+    /// SVG.
+    pub markup: String,
+    /// The part of the frame alone, as an `<img>`'s address.
+    pub address: String,
+    /// Balls detected.
+    pub detected: usize,
+}
+
+/// The overlay of each camera that has a frame in which something of the aircraft was found.
+pub(crate) fn overlays(vehicle: &Vehicle, results: &RunResults) -> Result<Vec<Overlay>, ReportError> {
+    let cameras = results.rig.iter().flat_map(|rig| &rig.cameras).zip(&results.pictures).enumerate();
+    let drawn = cameras.map(|(k, (camera, picture))| {
+        let found = Found::of(k, &camera.camera, vehicle, results, picture.t_ns);
+        let title = format!("{} at {:.2} s", camera.name, picture.t_ns as f64 * 1e-9);
+        found.map(|found| found.draw(&title, picture)).transpose()
+    });
+    Ok(drawn.collect::<Result<Vec<_>, ReportError>>()?.into_iter().flatten().collect())
+}
+
+/// What was found of the aircraft in a frame.
+struct Found {
+    detected: Vec<Vector2<f64>>,
+    predicted: Vec<Vector2<f64>>,
+    /// The origin and the ends of the axes.
+    axes: Option<[Vector2<f64>; 4]>,
+}
+
+impl Found {
+    fn of(k: usize, camera: &Camera, vehicle: &Vehicle, results: &RunResults, t_ns: i64) -> Option<Self> {
+        let world_from_body = pose_at(results, t_ns);
+        let pixel = |in_body: Vector3<f64>| {
+            let in_world = world_from_body? * Point3::from(in_body);
+            Some(camera.project(&in_world.coords).ok()?.pixel)
+        };
+        let own = |marker: usize| results.markers.iter().filter(move |o| o.camera == k && o.marker == marker);
+        let detected = (0..vehicle.marker.len())
+            .filter_map(|marker| detection_at(own(marker), t_ns))
+            .collect::<Vec<_>>();
+        let predicted: Vec<_> =
+            vehicle.marker.iter().filter_map(|m| pixel(Vector3::from(m.position_m))).collect();
+        let reach_m = vehicle.marker.iter().map(|m| Vector3::from(m.position_m).norm()).fold(0.0, f64::max);
+        let end = |k: usize| pixel(Vector3::ith(k, reach_m));
+        let axes = || Some([pixel(Vector3::zeros())?, end(0)?, end(1)?, end(2)?]);
+        let found = Self { detected, predicted, axes: axes() };
+        (!found.detected.is_empty() || !found.predicted.is_empty()).then_some(found)
+    }
+
+    fn draw(&self, title: &str, picture: &TimedFrame) -> Result<Overlay, ReportError> {
+        let part = self.part(picture.frame.size);
+        let address = part_of(&picture.frame, part)?;
+        let scale = f64::from(PART_PX) / part.width;
+        // The middle of the first pixel is half a pixel from the corner.
+        let at = |p: &Vector2<f64>| [scale * (p.x + 0.5 - part.left), scale * (p.y + 0.5 - part.top)];
+        let mut marks = String::new();
+        if let Some([origin, ends @ ..]) = &self.axes {
+            let [x0, y0] = at(origin);
+            for (end, name) in ends.iter().zip(["x", "y", "z"]) {
+                let [x, y] = at(end);
+                let line = format!("M{x0:.1} {y0:.1}L{x:.1} {y:.1}");
+                marks +=
+                    &format!("<path class=\"halo\" d=\"{line}\"/><path class=\"axis-{name}\" d=\"{line}\"/>");
+                marks +=
+                    &format!("<text class=\"mark\" x=\"{:.1}\" y=\"{:.1}\">{name}</text>", x + 8.0, y + 8.0);
+            }
+        }
+        for p in &self.detected {
+            let [x, y] = at(p);
+            marks += &format!("<circle class=\"halo\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"17\"/>");
+            marks += &format!("<circle class=\"detected\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"17\"/>");
+        }
+        for p in &self.predicted {
+            let [x, y] = at(p);
+            let cross = format!("M{:.1} {y:.1}h18M{x:.1} {:.1}v18", x - 9.0, y - 9.0);
+            marks +=
+                &format!("<path class=\"halo\" d=\"{cross}\"/><path class=\"predicted\" d=\"{cross}\"/>");
+        }
+        let side = PART_PX;
+        let label = format!(
+            "{}: {} balls detected, {} as the pose puts them, and the body's axes",
+            escaped(title),
+            self.detected.len(),
+            self.predicted.len()
+        );
+        let markup = format!(
+            "<svg role=\"img\" aria-label=\"{label}\" class=\"overlay\" viewBox=\"0 0 {side} {side}\"><image width=\"{side}\" \
+             height=\"{side}\" href=\"{address}\"/>{marks}<text class=\"mark\" x=\"14\" y=\"34\">{}</text></svg>",
+            escaped(title)
+        );
+        Ok(Overlay { title: title.to_owned(), markup, address, detected: self.detected.len() })
+    }
+
+    /// A square around all that was found.
+    fn part(&self, size: ImageSize) -> Part {
+        let all = || self.detected.iter().chain(&self.predicted).chain(self.axes.iter().flatten());
+        let bounds =
+            |value: fn(&Vector2<f64>) -> f64| crate::chart::bounds(all().map(value)).unwrap_or_default();
+        let ((left, right), (top, bottom)) = (bounds(|p| p.x), bounds(|p| p.y));
+        let most = f64::from(size.width_px.min(size.height_px));
+        let width = (AROUND * f64::max(right - left, bottom - top)).max(LEAST_SHARE * most).min(most).round();
+        let corner =
+            |middle: f64, side: u32| (middle - width / 2.0).clamp(0.0, f64::from(side) - width).round();
+        Part {
+            left: corner(0.5 * (left + right), size.width_px),
+            top: corner(0.5 * (top + bottom), size.height_px),
+            width,
+        }
+    }
+}
+
+/// A square part of a frame, in pixels from the corner of the first.
+#[derive(Clone, Copy)]
+struct Part {
+    left: f64,
+    top: f64,
+    width: f64,
+}
+
+/// The pose at a time, between those before and after it.
+fn pose_at(results: &RunResults, t_ns: i64) -> Option<Isometry3<f64>> {
+    let known =
+        results.poses.iter().filter_map(|p| Some((p.t_ns, p.estimate.as_ref().ok()?.world_from_body)));
+    let (before, after) = around(known, t_ns)?;
+    let part = part_between(before.0, after.0, t_ns);
+    Some(before.1.try_lerp_slerp(&after.1, part, 1e-9).unwrap_or(before.1))
+}
+
+/// Where a marker was detected at a time, between the detections before and after it.
+fn detection_at<'a>(own: impl Iterator<Item = &'a MarkerObservation>, t_ns: i64) -> Option<Vector2<f64>> {
+    let (before, after) = around(own.map(|o| (o.t_ns, o.pixel)), t_ns)?;
+    Some(before.1.lerp(&after.1, part_between(before.0, after.0, t_ns)))
+}
+
+/// Longest time between two instants between which something is taken as on a line.
+const NEAR_NS: i64 = 100_000_000;
+
+/// The last of them up to a time and the first from it on; none where these are far from it.
+fn around<T: Clone>(all: impl Iterator<Item = (i64, T)>, t_ns: i64) -> Option<((i64, T), (i64, T))> {
+    let (mut before, mut after) = (None::<(i64, T)>, None::<(i64, T)>);
+    for item in all.filter(|item| (item.0 - t_ns).abs() < NEAR_NS) {
+        if item.0 <= t_ns && before.as_ref().is_none_or(|b| item.0 > b.0) {
+            before = Some(item.clone());
+        }
+        if item.0 >= t_ns && after.as_ref().is_none_or(|a| item.0 < a.0) {
+            after = Some(item);
+        }
+    }
+    // Clocks are rounded: a frame at either end may be a moment outside.
+    Some((before.clone().or_else(|| after.clone())?, after.or(before)?))
+}
+
+fn part_between(from_ns: i64, to_ns: i64, t_ns: i64) -> f64 {
+    if to_ns > from_ns { (t_ns - from_ns) as f64 / (to_ns - from_ns) as f64 } else { 0.0 }
+}
+
+/// Figure 4: the object from the first camera; figure 6: the flight's path over a frame of each camera.
+pub(crate) fn pictures(results: &RunResults, close_ups: &[Overlay]) -> Result<Vec<Figure>, ReportError> {
+    let mut figures = Vec::new();
+    let Some(rig) = &results.rig else { return Ok(figures) };
+    if let Some(first) = close_ups.first() {
+        let caption = format!("Figure 4: the observed object, from a frame of {}.", first.title);
+        figures.push(Figure::new(caption, format!("<img alt=\"\" src=\"{}\">", first.address)));
+    }
+    for (camera, picture) in rig.cameras.iter().zip(&results.pictures) {
+        let seen = results.poses.iter().map(|p| {
+            let place = p.estimate.as_ref().ok()?.world_from_body.translation.vector;
+            Some(camera.camera.project(&place).ok()?.pixel)
+        });
+        let seen: Vec<Option<Vector2<f64>>> = seen.collect();
+        let t_s = picture.t_ns as f64 * 1e-9;
+        let caption =
+            format!("Figure 6: path of the body origin over the frame of {} at {t_s:.2} s.", camera.name);
+        figures.push(Figure::new(caption, with_path(&whole(&picture.frame)?, picture.frame.size, &seen)));
+    }
+    Ok(figures)
+}
+
+/// A picture with a white line on a black one over it, broken where there is no point.
+fn with_path(address: &str, size: ImageSize, points: &[Option<Vector2<f64>>]) -> String {
+    let (mut path, mut last) = (String::new(), None::<Vector2<f64>>);
+    for point in points {
+        let Some(p) = point else {
+            last = None;
+            continue;
+        };
+        // Steps of less than half a pixel do not show.
+        if last.is_none_or(|last| (p - last).norm() > 0.5) {
+            // The middle of the first pixel is half a pixel from the corner.
+            path += &format!("{}{:.1} {:.1}", if last.is_some() { "L" } else { "M" }, p.x + 0.5, p.y + 0.5);
+            last = Some(*p);
+        }
+    }
+    let line = |color: &str, width: f64| {
+        format!("<path d=\"{path}\" fill=\"none\" stroke=\"{color}\" stroke-width=\"{width}\"/>")
+    };
+    format!(
+        "<svg role=\"img\" viewBox=\"0 0 {0} {1}\"><image width=\"{0}\" height=\"{1}\" href=\"{address}\"/>{2}{3}</svg>",
+        size.width_px,
+        size.height_px,
+        line("#000", 3.5),
+        line("#fff", 1.8)
+    )
+}
+
+fn whole(frame: &Frame) -> Result<String, ReportError> {
+    let ImageSize { width_px, height_px } = frame.size;
+    jpeg(frame.to_rgb(), width_px, height_px, WHOLE_PX)
+}
+
+fn part_of(frame: &Frame, part: Part) -> Result<String, ReportError> {
+    let [left, top, width] = [part.left, part.top, part.width].map(|v| v as u32);
+    let mut rgb = vec![0; 3 * (width * width) as usize];
+    for (row, y) in rgb.chunks_exact_mut(3 * width.max(1) as usize).zip(top..) {
+        frame.rgb_row(y as usize, left as usize, (left + width) as usize, row);
+    }
+    jpeg(rgb, width, width, PART_PX)
+}
+
+/// A picture as the address of an image, not wider than said.
+fn jpeg(rgb: Vec<u8>, width: u32, height: u32, most: u32) -> Result<String, ReportError> {
+    let mut image = image::RgbImage::from_raw(width, height, rgb).ok_or(ReportError::Picture)?;
+    if width > most {
+        let height = (u64::from(height) * u64::from(most) / u64::from(width)).max(1) as u32;
+        image = image::imageops::resize(&image, most, height, FilterType::Triangle);
+    }
+    let mut bytes = Vec::new();
+    JpegEncoder::new_with_quality(&mut bytes, JPEG_QUALITY)
+        .encode_image(&image)
+        .map_err(|_| ReportError::Picture)?;
+    Ok(format!("data:image/jpeg;base64,{}", base64::engine::general_purpose::STANDARD.encode(bytes)))
+}
