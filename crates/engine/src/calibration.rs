@@ -17,6 +17,20 @@ use mavsight_session::{FrameSource, Session, SessionError, read_image};
 /// # Errors
 /// Files that are wrong, and what the calibration refuses.
 pub fn calibrate(session: &Session, progress: &dyn Progress) -> Result<Rig, EngineError> {
+    let rig = rig_of(session, progress)?;
+    input(sizes_of(session, &rig))?;
+    Ok(rig)
+}
+
+/// Refuses recordings of another size than their stills.
+pub(crate) fn sizes_of(session: &Session, rig: &Rig) -> Result<(), SessionError> {
+    let is_by_stills =
+        session.file.rig.is_none() && session.file.control.as_ref().is_some_and(|c| c.observations.is_none());
+    if is_by_stills { session.require_sizes(rig, &session.path) } else { Ok(()) }
+}
+
+/// [`calibrate`], whatever sizes the recordings have.
+pub(crate) fn rig_of(session: &Session, progress: &dyn Progress) -> Result<Rig, EngineError> {
     progress.begin(Stage::Calibrate, None);
     if let Some(rig) = input(session.rig())? {
         return Ok(rig);
@@ -36,12 +50,18 @@ pub fn calibrate(session: &Session, progress: &dyn Progress) -> Result<Rig, Engi
             stills.push(ControlStill { camera: camera.name.clone(), frame: input(read_image(path))? });
         }
     }
-    let rig = calibrate_from_stills(&stills, &points, &objects)?;
-    input(session.require_sizes(&rig, &session.path))?;
-    Ok(rig)
+    Ok(calibrate_from_stills(&stills, &points, &objects)?)
 }
 
 fn objects_of(session: &Session) -> Result<Vec<MovedObject>, EngineError> {
+    objects_with(session, |feed| feed)
+}
+
+/// Wand and board of a session, the images of the board passed through a function.
+pub(crate) fn objects_with(
+    session: &Session,
+    through: impl Fn(CameraFeed<'static>) -> CameraFeed<'static>,
+) -> Result<Vec<MovedObject>, EngineError> {
     let mut objects = Vec::new();
     if let Some(wand) = &session.file.wand
         && let [a, b] = wand.ball[..]
@@ -50,7 +70,9 @@ fn objects_of(session: &Session) -> Result<Vec<MovedObject>, EngineError> {
         objects.push(wand_of(&wand, feeds_if_any(session, |k| session.open_wand(k))?)?);
     }
     if let Some(board) = &session.file.board {
-        objects.push(board_of(board, feeds_if_any(session, |k| session.open_board(k))?)?);
+        let feeds = feeds_if_any(session, |k| session.open_board(k))?;
+        let feeds = feeds.into_iter().map(|feed| feed.map(&through)).collect();
+        objects.push(board_of(board, feeds)?);
     }
     Ok(objects)
 }

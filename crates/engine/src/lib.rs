@@ -6,18 +6,22 @@
 //! of a flight is a note in the results.
 
 mod calibration;
+mod check;
 mod error;
 mod frames;
 mod identification;
 mod log_clock;
+mod look;
 mod parts;
 mod solution;
 mod tracking;
 mod weight;
 
 pub use calibration::calibrate;
+pub use check::{CameraCheck, CheckItem, ControlBall, Exposure, Harm, SessionCheck, Shot, Spot, check};
 pub use error::EngineError;
 pub use frames::{camera_feeds, first_frames};
 pub use identification::{identify_from_motion, identify_from_poses};
+pub use look::{FilmLook, look_at};
 pub use solution::{Flight, Options, log_gyroscope, recorded_inputs, recorded_sensors, run, solve};
 pub use tracking::{TrackedFlight, track};

@@ -1,11 +1,13 @@
 //! What may be typed.
 
 mod convert;
+mod first;
 mod live;
 mod log;
 mod plan;
 
 pub(crate) use convert::{Convert, Format, Up};
+pub(crate) use first::{Check, New};
 pub(crate) use live::Live;
 pub(crate) use log::ReadLog;
 pub(crate) use plan::{Campaign, Criterion, Plan, PlanCameras, PlanManoeuvre};
@@ -31,6 +33,10 @@ pub(crate) struct Cli {
 pub(crate) enum Command {
     /// Fly, film, calibrate, track, identify and report a virtual aircraft, and score it against truth
     Demo(Demo),
+    /// Begin a session: looks at the videos, asks for what it cannot see, writes session.toml, vehicle.toml and control_points.csv
+    New(New),
+    /// Look at a session before it is run: what is ready, and what to mend first
+    Check(Check),
     /// Run the whole chain on a recorded session
     Run(Run),
     /// Fly with running cameras, a replayed session or the virtual room: poses as they happen

@@ -1,6 +1,7 @@
 //! What each command does.
 
 mod campaign;
+mod check;
 mod convert;
 mod convert_formats;
 mod demo;
@@ -16,6 +17,7 @@ mod live_sources;
 mod live_virtual;
 mod log;
 mod manoeuvre;
+mod new;
 mod plan;
 mod run;
 mod selftest;
@@ -29,6 +31,8 @@ use std::path::Path;
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     match &cli.command {
         Command::Demo(args) => demo::demo(args),
+        Command::New(args) => new::new(args),
+        Command::Check(args) => check::check(args),
         Command::Run(args) => run::run(args),
         Command::Live(args) => live::live(args),
         Command::Simulate(args) => stages::simulate(args),

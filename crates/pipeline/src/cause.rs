@@ -31,11 +31,23 @@ pub enum Cause {
     ImageTurned,
     /// Another object has a marker's colour.
     Decoy,
+    /// A recording has sound and no picture.
+    NoPicture,
+    /// A camera exposes so long that balls that move are smeared.
+    ExposureLong,
+    /// The vehicle file gives a marker a colour that it does not have.
+    MarkerColor,
+    /// A marker of the vehicle file is not on the aircraft.
+    MarkerMissing,
+    /// A control point lies outside of a camera's image.
+    ControlOutside,
+    /// The board is printed with black and white exchanged.
+    BoardInverted,
 }
 
 impl Cause {
     /// All of them.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 19] = [
         Self::CameraMoved,
         Self::CameraFrozen,
         Self::CameraDark,
@@ -49,6 +61,12 @@ impl Cause {
         Self::CamerasExchanged,
         Self::ImageTurned,
         Self::Decoy,
+        Self::NoPicture,
+        Self::ExposureLong,
+        Self::MarkerColor,
+        Self::MarkerMissing,
+        Self::ControlOutside,
+        Self::BoardInverted,
     ];
 
     /// The cause in a few words.
@@ -67,6 +85,12 @@ impl Cause {
             Self::CamerasExchanged => "recordings exchanged",
             Self::ImageTurned => "image mirrored or turned",
             Self::Decoy => "decoy in view",
+            Self::NoPicture => "no picture",
+            Self::ExposureLong => "exposure too long",
+            Self::MarkerColor => "marker colour wrong",
+            Self::MarkerMissing => "marker missing",
+            Self::ControlOutside => "control point outside of the image",
+            Self::BoardInverted => "board inverted",
         }
     }
 }

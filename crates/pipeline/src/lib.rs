@@ -41,6 +41,7 @@ pub use markers::{MARKERS_STD_M, body_markers};
 pub use progress::{NoProgress, Progress, Stage};
 pub use reconstruct::reconstruct;
 pub use refine::{Diameter, RefinedBody, Refinement, refine};
+pub use sharpness::edge_px as picture_edge_px;
 pub use solve::{
     IdentifyOptions, Solution, identify_motion, motion_from_poses, motion_of, systematic_columns,
 };

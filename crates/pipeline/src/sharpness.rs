@@ -20,7 +20,7 @@ const LEAST_EDGES: usize = 30;
 /// Standard deviation of the blur of the sharper edges of a picture, in pixels, pixel included: of a step C that a
 /// Gaussian of σ blurs the greatest slope is C/(σ √2π). The lower quartile, as edges that are no steps or are
 /// oblique to the rows are wider; `None` for a picture with few edges.
-pub(crate) fn edge_px(frame: &Frame) -> Option<f64> {
+pub fn edge_px(frame: &Frame) -> Option<f64> {
     let (width, height) = (frame.size.width_px as usize, frame.size.height_px as usize);
     let mut widths_px = Vec::new();
     for y in (1..height.saturating_sub(1)).step_by(EVERY_ROW) {

@@ -6,6 +6,36 @@ use thiserror::Error;
 /// A calibration, a pose or a motion that the observations do not determine.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum PoseError {
+    /// A measured distance that is none.
+    #[error("the distance {between}: {detail}")]
+    BadDistance {
+        /// What was measured.
+        between: String,
+        /// What is wrong with it, and what to do.
+        detail: String,
+    },
+    /// A network of distances in which points can move.
+    #[error(
+        "the measured distances do not hold the points together: {more} more at least are needed, to points such as {loose}; measure every distance between the balls"
+    )]
+    LooseNetwork {
+        /// Points that can move most.
+        loose: String,
+        /// Motions that no measurement holds.
+        more: usize,
+    },
+    /// Distances that contradict each other.
+    #[error(
+        "the measured distances contradict each other, by {ratio:.1} times their standard deviations: {}{worst}; measure these again, or state a larger standard deviation", if *is_one_of { "it may be any of " } else { "the largest residuals are " }
+    )]
+    NetworkDisagrees {
+        /// Root of chi-square over its degrees of freedom.
+        ratio: f64,
+        /// Measurements with their residuals.
+        worst: String,
+        /// Whether dropping any one of them lets the others agree.
+        is_one_of: bool,
+    },
     /// One camera's control points do not make a camera.
     #[error("camera {camera}: {source}")]
     Calibration {

@@ -6,6 +6,7 @@ mod associate;
 mod calibrate;
 mod clock;
 mod detection;
+mod distances;
 mod error;
 mod estimate;
 mod moving;
@@ -31,6 +32,9 @@ pub use clock::{
     QUARTZ_DRIFT_STD, estimate_clocks, image_middle, informative_stretches_ns,
 };
 pub use detection::{MarkerObservation, TrackedDetection};
+pub use distances::{
+    MeasuredBetween, NetworkMeasurement, PointNetwork, measurement_words, points_from_distances,
+};
 pub use error::PoseError;
 pub use estimate::{
     BodyMarker, MarkerSet, PoseEstimate, PoseEstimator, PoseSample, PredictedObservation, ReprojectionFit,

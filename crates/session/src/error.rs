@@ -39,6 +39,9 @@ pub enum SessionError {
     /// A video or image sequence without frames.
     #[error("{}: the recording has no frames: record it again, or correct the path", .0.display())]
     NoFrames(PathBuf),
+    /// A recording of sound without a picture.
+    #[error("{}: the file has sound and no picture: give the video, or record it again with the camera on", .0.display())]
+    SoundAlone(PathBuf),
     /// A recording shorter or longer than it says.
     #[error("{}: the file announces {declared} frames but {read} were read: it is damaged or cut off; copy it again", path.display())]
     FrameCount {

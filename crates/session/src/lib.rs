@@ -2,6 +2,7 @@
 
 mod config;
 mod decimal;
+mod distances;
 mod error;
 mod files;
 pub mod foreign;
@@ -15,6 +16,7 @@ pub mod tables;
 pub mod video;
 
 pub use config::{Session, cameras_of, load_equations, load_vehicle, write_vehicle};
+pub use distances::DistanceTable;
 pub use error::SessionError;
 pub use files::{make_folder, read_toml, write_json, write_toml, write_whole};
 pub use mavsight_link::LiveSection;

@@ -46,7 +46,12 @@ pub(crate) fn open(path: &Path) -> Result<Opened, Failure> {
         .map_err(|e| damaged(&e.to_string()))?;
     let Some(track) = mp4.tracks().values().find(|t| t.kind == Some(TrackKind::Video)) else {
         let is_other = mp4.tracks().values().any(|t| t.kind.is_none());
-        let empty = SessionError::NoFrames(path.to_owned());
+        let has_sound = mp4.tracks().values().any(|t| t.kind == Some(TrackKind::Audio));
+        let empty = if has_sound {
+            SessionError::SoundAlone(path.to_owned())
+        } else {
+            SessionError::NoFrames(path.to_owned())
+        };
         return Err(if is_other {
             Failure::Unsupported("its codec is not H.264".into())
         } else {

@@ -1,0 +1,100 @@
+//! What to mend, with its cause and its harm.
+
+use super::is_without_picture;
+use crate::EngineError;
+use mavsight_pipeline::{Cause, Finding, PipelineError};
+use mavsight_session::SessionError;
+
+/// How harmful something is, the worst first: what lets nothing be measured, what makes poses wrong, what loses poses
+/// or makes them worse, what one should know.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Harm {
+    /// There is nothing to measure by.
+    Stops,
+    /// Poses would be wrong.
+    Falsifies,
+    /// Poses are lost, or less certain, for a reason that explains others further down.
+    Weakens,
+    /// The same, where it may follow from what stands above.
+    Follows,
+    /// To know.
+    Remark,
+}
+
+/// Something to mend.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CheckItem {
+    /// How harmful it is.
+    pub harm: Harm,
+    /// What explains it: one cause where the alternatives were tried and lost, several where these explain it alike.
+    pub causes: Vec<Cause>,
+    /// Index of the camera that it is about, where it is one.
+    pub camera: Option<usize>,
+    /// What was found, and the remedy.
+    pub text: String,
+}
+
+impl CheckItem {
+    /// An item without a cause.
+    pub(super) fn of_note(text: String) -> Self {
+        Self { harm: Harm::Weakens, causes: Vec::new(), camera: None, text }
+    }
+
+    /// An item with one cause.
+    pub(super) fn of_cause(cause: Cause, camera: Option<usize>, text: String) -> Self {
+        Self { harm: harm_of(cause), causes: vec![cause], camera, text }
+    }
+
+    /// The cause, where it is one.
+    pub fn cause(&self) -> Option<Cause> {
+        match self.causes[..] {
+            [cause] => Some(cause),
+            _ => None,
+        }
+    }
+}
+
+/// How harmful a cause is.
+fn harm_of(cause: Cause) -> Harm {
+    match cause {
+        Cause::NoPicture | Cause::BoardInverted | Cause::CamerasExchanged | Cause::ImageTurned => Harm::Stops,
+        Cause::CameraDark => Harm::Stops,
+        Cause::CameraMoved
+        | Cause::CameraFrozen
+        | Cause::ColorsExchanged
+        | Cause::BodyAxes
+        | Cause::BodyScale
+        | Cause::Mass
+        | Cause::ClockOffset
+        | Cause::FrameRate => Harm::Falsifies,
+        Cause::OutOfFocus
+        | Cause::ExposureLong
+        | Cause::MarkerColor
+        | Cause::MarkerMissing
+        | Cause::ControlOutside => Harm::Weakens,
+        Cause::Decoy => Harm::Follows,
+    }
+}
+
+pub(super) fn of_finding(finding: &Finding) -> CheckItem {
+    let harm = finding.causes.iter().map(|c| harm_of(*c)).min().unwrap_or(Harm::Follows);
+    CheckItem { harm, causes: finding.causes.clone(), camera: finding.camera, text: finding.note.clone() }
+}
+
+/// A recording that cannot be read.
+pub(super) fn of_file(name: &str, camera: usize, error: &SessionError) -> CheckItem {
+    let causes = if is_without_picture(error) { vec![Cause::NoPicture] } else { Vec::new() };
+    CheckItem { harm: Harm::Stops, causes, camera: Some(camera), text: format!("{name}: {error}.") }
+}
+
+/// What a run would be refused with.
+pub(super) fn of_error(error: &EngineError) -> CheckItem {
+    let causes = match error {
+        EngineError::Pipeline(PipelineError::MixedUp { cause, .. }) => vec![*cause],
+        EngineError::File(source) | EngineError::Input(source) if is_without_picture(source) => {
+            vec![Cause::NoPicture]
+        }
+        _ => Vec::new(),
+    };
+    CheckItem { harm: Harm::Stops, causes, camera: None, text: format!("{error}.") }
+}

@@ -1,0 +1,118 @@
+//! Markers that no camera has seen: of another colour than the file says, or not there.
+
+use super::film::{Film, coded, ring_light};
+use super::{CheckItem, filmed};
+use mavsight_flight::{Color, Vehicle};
+use mavsight_geometry::Vector2;
+use mavsight_pipeline::{Cause, Progress};
+use mavsight_pose::Rig;
+use mavsight_session::Session;
+
+/// Share of a camera's frames up to which a marker counts as never seen: met by chance.
+const NEVER: f64 = 0.1;
+/// Share from which on it counts as seen.
+const SEEN: f64 = 0.5;
+/// Standard errors by which the colour at a marker's place must differ from that around it.
+const SURE: f64 = 4.0;
+
+/// An item on each marker that no camera has seen while poses by the others show where it must be.
+pub(super) fn never_seen(
+    session: &Session,
+    rig: &Rig,
+    film: &Film,
+    progress: &dyn Progress,
+) -> Vec<CheckItem> {
+    let vehicle = &session.vehicle;
+    let most = |marker: usize| {
+        let of = |h: &mavsight_pipeline::CameraHealth| h.markers.get(marker).map_or(0.0, |m| m.seen);
+        film.tracked.health.iter().map(of).fold(0.0, f64::max)
+    };
+    let unseen = (0..vehicle.marker.len()).filter(|m| most(*m) <= NEVER);
+    unseen.filter_map(|marker| explained(session, rig, film, marker, progress)).collect()
+}
+
+fn explained(
+    session: &Session,
+    rig: &Rig,
+    film: &Film,
+    marker: usize,
+    progress: &dyn Progress,
+) -> Option<CheckItem> {
+    let name = &session.vehicle.marker[marker].name;
+    let nominal = session.vehicle.marker[marker].color;
+    let (light, is_sure, looks) = colour_there(rig, film, &session.vehicle, marker)?;
+    if is_sure {
+        let [r, g, b] = light.map(coded);
+        let proposed = Color::new(r, g, b);
+        let mut vehicle = session.vehicle.clone();
+        vehicle.marker[marker].color = proposed;
+        // The same frames once more, by the colour that they have there.
+        if let Ok(again) = filmed(session, rig, &vehicle, progress, |_, feed| feed) {
+            let seen = again.tracked.health.iter().filter_map(|h| h.markers.get(marker)).map(|m| m.seen);
+            let seen = seen.fold(0.0, f64::max);
+            if seen >= SEEN {
+                let text = format!(
+                    "{name} is never seen as {nominal}; as {proposed}, the colour where the other balls have it, it is seen in {:.0} % of the \
+                     frames: write color = \"{proposed}\" in the vehicle file.",
+                    100.0 * seen
+                );
+                return Some(CheckItem::of_cause(Cause::MarkerColor, None, text));
+            }
+        }
+    }
+    let text = format!(
+        "{name} is not there: in {looks} pictures its place by the other balls has the colour of what is around it. Mount it, or take it \
+         out of the vehicle file."
+    );
+    Some(if is_sure {
+        let text = format!(
+            "{name} is never seen, and by the colour where the other balls have it neither: check its place and its colour in the vehicle file."
+        );
+        CheckItem::of_note(text)
+    } else {
+        CheckItem::of_cause(Cause::MarkerMissing, None, text)
+    })
+}
+
+/// Mean linear light where the poses have a marker, whether it differs from that around it, and in how many pictures
+/// that was looked at; none without a pose.
+fn colour_there(rig: &Rig, film: &Film, vehicle: &Vehicle, marker: usize) -> Option<([f64; 3], bool, usize)> {
+    let (mut discs, mut differences) = (Vec::new(), Vec::new());
+    for camera in 0..rig.cameras.len() {
+        for (stamp_ns, frame) in &film.taps[camera].frames {
+            let t_ns = film.time_ns(camera, *stamp_ns);
+            let Some((pixel, diameter_px)) = film.predicted(camera, marker, t_ns, vehicle, rig) else {
+                continue;
+            };
+            let inside_px = (0.5 * diameter_px - 1.0).max(1.0);
+            let disc = ring_light(frame, pixel, 0.0, inside_px);
+            let ring = ring_light(frame, pixel, 0.5 * diameter_px + 2.0, 0.5 * diameter_px + 5.0);
+            if let (Some(disc), Some(ring)) = (disc, ring) {
+                discs.push(disc);
+                differences.push(hue(disc) - hue(ring));
+            }
+        }
+    }
+    if differences.len() < 3 {
+        return None;
+    }
+    let count = differences.len() as f64;
+    let mean = differences.iter().sum::<Vector2<f64>>() / count;
+    let var = differences.iter().map(|d| (d - mean).norm_squared()).sum::<f64>() / (count - 1.0);
+    let median = |k: usize| {
+        let mut all: Vec<f64> = discs.iter().map(|d| d[k]).collect();
+        all.sort_by(f64::total_cmp);
+        all[all.len() / 2]
+    };
+    // A ball is seen before many backgrounds: its own colour stays.
+    let is_sure = mean.norm() > SURE * (var / count).sqrt() && mean.norm() > LEAST_CHROMA;
+    Some(([median(0), median(1), median(2)], is_sure, differences.len()))
+}
+
+/// Chroma that stands out of the noise, as the detection has it.
+const LEAST_CHROMA: f64 = 0.02;
+
+/// Linear light in the plane perpendicular to grey.
+fn hue([r, g, b]: [f64; 3]) -> Vector2<f64> {
+    Vector2::new(r - 0.5 * (g + b), 0.75_f64.sqrt() * (g - b))
+}

@@ -1,0 +1,78 @@
+//! `check`: what is ready, and what to mend first.
+
+use super::named;
+use crate::cli::Check;
+use crate::out::outln;
+use crate::progress::Bars;
+use anyhow::Result;
+use mavsight_engine::{CameraCheck, Harm, SessionCheck};
+use mavsight_session::Session;
+
+pub(crate) fn check(args: &Check) -> Result<()> {
+    let path = if args.session.is_dir() { args.session.join("session.toml") } else { args.session.clone() };
+    let session = named(Session::load(&path))?;
+    let bars = Bars::new();
+    let found = mavsight_engine::check(&session, &bars);
+    bars.done();
+    print(&found)?;
+    anyhow::ensure!(found.is_ready(), "{}: mend this first", path.display());
+    outln!("Next: mavsight run {} --out {}", path.display(), path.with_file_name("results").display());
+    Ok(())
+}
+
+fn print(found: &SessionCheck) -> Result<()> {
+    let (mend, remarks): (Vec<_>, Vec<_>) = found.items.iter().partition(|i| i.harm != Harm::Remark);
+    if !mend.is_empty() {
+        outln!("Mend this first, the most harmful at the top:");
+    }
+    for (k, item) in mend.iter().enumerate() {
+        let causes: Vec<&str> = item.causes.iter().map(|c| c.words()).collect();
+        let cause = match causes.len() {
+            0 => String::new(),
+            _ => format!("{}: ", causes.join(" or ")),
+        };
+        outln!("{:2}. {cause}{}", k + 1, item.text);
+    }
+    outln!("{}", if found.is_ready() { "Ready:" } else { "Seen:" });
+    for camera in &found.cameras {
+        outln!("  {}: {}", camera.name, words(camera, found));
+    }
+    if let Some((position_std_m, angle_std_rad)) = found.pose_std {
+        let (measured, all) = found.instants;
+        outln!(
+            "  poses at {measured} of {all} instants, to {:.1} mm and {:.2}° a coordinate (standard deviation)",
+            1e3 * position_std_m,
+            angle_std_rad.to_degrees()
+        );
+    }
+    for remark in remarks {
+        outln!("  {}", remark.text);
+    }
+    Ok(())
+}
+
+/// One camera in a line.
+fn words(camera: &CameraCheck, found: &SessionCheck) -> String {
+    let Some(size) = camera.size else { return "no picture".into() };
+    let mut all = vec![format!("{}×{} px", size.width_px, size.height_px)];
+    if let Some(rms_px) = camera.calibration_rms_px {
+        all.push(format!("calibrated to {rms_px:.2} px"));
+    }
+    if camera.frames > 0 {
+        all.push(format!("{} frames at {:.2}/s", camera.frames, camera.rate_hz));
+    }
+    if let Some(edge_px) = camera.edge_px {
+        all.push(format!("edges blurred by {edge_px:.1} px"));
+    }
+    if let Some(exposure) = camera.exposure {
+        let (ms, std_ms) = (1e3 * exposure.exposure_s, 1e3 * exposure.std_s);
+        all.push(format!("exposes for {ms:.0} ± {std_ms:.0} ms"));
+    }
+    let seen =
+        found.markers.iter().zip(&camera.seen).map(|((name, _), s)| format!("{name} {:.0} %", 100.0 * s));
+    let seen: Vec<String> = seen.collect();
+    if !seen.is_empty() {
+        all.push(format!("sees {}", seen.join(", ")));
+    }
+    all.join("; ")
+}

@@ -1,0 +1,90 @@
+//! The files of a new session, with comments for who reads them.
+
+use super::Answers;
+use anyhow::Result;
+use mavsight_session::{make_folder, write_control_points, write_whole};
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+/// Standard air at sea level and 20 °C, and standard gravity.
+const ENVIRONMENT: &str = "\n[environment]\nair_density_kg_m3 = 1.204      # at 20 °C and 1013 hPa; 1.16 at 30 °C\n\
+                           gravity_m_s2 = 9.807\n";
+
+/// Writes session.toml, vehicle.toml and control_points.csv.
+pub(super) fn write(folder: &Path, answers: &Answers) -> Result<()> {
+    make_folder(folder)?;
+    write_whole(&folder.join("vehicle.toml"), vehicle(folder, answers)?.as_bytes())?;
+    write_control_points(&folder.join("control_points.csv"), &answers.control)?;
+    write_whole(&folder.join("session.toml"), session(folder, answers)?.as_bytes())?;
+    Ok(())
+}
+
+/// What was written, in a line.
+pub(super) fn written(folder: &Path) -> String {
+    let name = |file: &str| folder.join(file).display().to_string();
+    format!("Written: {}, {}, {}", name("session.toml"), name("vehicle.toml"), name("control_points.csv"))
+}
+
+/// A path as a file in the folder names it.
+fn seen_from(folder: &Path, path: &Path) -> String {
+    let whole = |p: &Path| p.canonicalize().unwrap_or_else(|_| p.to_owned());
+    let (folder, path): (PathBuf, PathBuf) = (whole(folder), whole(path));
+    let named = path.strip_prefix(&folder).unwrap_or(&path);
+    quoted(&named.to_string_lossy())
+}
+
+/// A text as TOML has it.
+fn quoted(text: &str) -> String {
+    toml::Value::String(text.to_owned()).to_string()
+}
+
+fn session(folder: &Path, answers: &Answers) -> Result<String> {
+    let mut out = String::new();
+    writeln!(out, "# Every key: docs/session.md. `mavsight check` says whether all is ready.\nschema = 1")?;
+    writeln!(out, "name = {}", quoted(&answers.name))?;
+    writeln!(out, "vehicle = \"vehicle.toml\"")?;
+    match &answers.inputs {
+        Some(path) => writeln!(out, "inputs = {}", seen_from(folder, path))?,
+        None => {
+            writeln!(out, "# inputs = \"inputs.csv\"           # without it no parameters are estimated")?
+        }
+    }
+    writeln!(out, "\n[control]\npoints = \"control_points.csv\"")?;
+    for camera in &answers.cameras {
+        writeln!(out, "\n# {}", camera.look.words())?;
+        writeln!(out, "[[camera]]\nname = {}", quoted(&camera.name))?;
+        writeln!(out, "video = {}", seen_from(folder, &camera.video))?;
+        if let Some(still) = &camera.still {
+            writeln!(out, "still = {}", seen_from(folder, still))?;
+        }
+        writeln!(out, "# line_time_s = \"estimate\"        # for a rolling shutter: most phones have one")?;
+    }
+    Ok(out)
+}
+
+fn vehicle(folder: &Path, answers: &Answers) -> Result<String> {
+    let mut out = String::new();
+    let [xx, yy, zz] = answers.inertia_kg_m2;
+    writeln!(out, "# Body axes: x forward, y right, z down, from the centre of gravity.")?;
+    writeln!(out, "name = {}\nmass_kg = {}", quoted(&answers.name), answers.mass_kg)?;
+    writeln!(out, "inertia_kg_m2 = [{xx:e}, {yy:e}, {zz:e}]      # I_xx, I_yy, I_zz")?;
+    match &answers.model {
+        Some(model) if Path::new(model).is_file() => {
+            writeln!(out, "model = {}", seen_from(folder, Path::new(model)))?;
+        }
+        Some(model) => writeln!(out, "model = {}", quoted(model))?,
+        None => {
+            writeln!(out, "# model = \"coaxial\"              # of docs/shelf, or a file: docs/models.md")?
+        }
+    }
+    for ball in &answers.markers {
+        let [x, y, z] = ball.position_m.map(|m| (1e6 * m).round() / 1e6);
+        writeln!(out, "\n[[marker]]\nname = {}\nposition_m = [{x:?}, {y:?}, {z:?}]", quoted(&ball.name))?;
+        writeln!(out, "diameter_m = {:?}\ncolor = \"{}\"", ball.diameter_m, ball.color)?;
+    }
+    out.push_str(ENVIRONMENT);
+    if answers.model.is_some() {
+        out.push_str("\n# Values of the model's parameters for this aircraft; those of its file where left out.\n# [parameters]\n");
+    }
+    Ok(out)
+}
