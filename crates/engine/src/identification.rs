@@ -1,6 +1,6 @@
 //! From poses to motion and parameters.
 
-use crate::log_clock::{OnPoseClock, on_clock_of_poses};
+use crate::log_clock::LogBesidePoses;
 use crate::parts::{held_long, longest_without_gap, part_covered, part_without_gap, with_part};
 use crate::weight::mass_in_grams;
 use crate::{EngineError, Flight};
@@ -10,7 +10,7 @@ use mavsight_identify::{IdentifyError, RegressionError};
 use mavsight_pipeline::{
     MARKERS_STD_M, PipelineError, Progress, Solution, Stage, body_markers, identify_motion, motion_from_poses,
 };
-use mavsight_pose::Motion;
+use mavsight_pose::{Motion, RateSeries};
 use mavsight_session::RunResults;
 use std::borrow::Cow;
 
@@ -24,18 +24,22 @@ pub fn identify_from_poses(
     flight: &Flight<'_>,
     progress: &dyn Progress,
 ) -> Result<(), EngineError> {
-    let motion = motion_from_poses(&results.poses, flight.vehicle, progress);
-    identify_into(results, motion, flight, progress)
+    let of_poses =
+        |rates: Option<&RateSeries>| motion_from_poses(&results.poses, rates, flight.vehicle, progress);
+    let motion = of_poses(None);
+    let log = LogBesidePoses::of(&results.poses, flight, |rates| of_poses(Some(rates)));
+    identify_into(results, motion, log, flight, progress)
 }
 
 pub(crate) fn identify_into(
     results: &mut RunResults,
     motion: Result<Motion, PipelineError>,
+    log: Option<LogBesidePoses>,
     flight: &Flight<'_>,
     progress: &dyn Progress,
 ) -> Result<(), EngineError> {
     match motion {
-        Ok(motion) => identify_from_motion(results, motion, flight, progress),
+        Ok(motion) => identify_beside_log(results, motion, log, flight, progress),
         Err(refusal) => {
             results.notes.push(format!("No motion: {refusal}"));
             Ok(())
@@ -50,33 +54,44 @@ pub(crate) fn identify_into(
 /// A model, a setting or a vehicle that is wrong.
 pub fn identify_from_motion(
     results: &mut RunResults,
+    motion: Motion,
+    flight: &Flight<'_>,
+    progress: &dyn Progress,
+) -> Result<(), EngineError> {
+    identify_beside_log(results, motion, None, flight, progress)
+}
+
+fn identify_beside_log(
+    results: &mut RunResults,
     mut motion: Motion,
+    mut log: Option<LogBesidePoses>,
     flight: &Flight<'_>,
     progress: &dyn Progress,
 ) -> Result<(), EngineError> {
     results.notes.extend(earlier_schema(flight.vehicle));
-    results.notes.extend(motion.doubts.words());
+    let moved = log.as_mut().map(|log| flight.inputs.and_then(|recorded| log.moved(recorded)));
+    let log = log.unwrap_or_default();
+    results.notes.extend(log.motion.as_ref().unwrap_or(&motion).doubts.words());
+    results.notes.extend(log.notes);
+    results.log = log.alignment;
     let Some(recorded) = flight.inputs else {
-        results.motion = Some(motion);
+        results.motion = log.motion.or(Some(motion));
         results.notes.push("No parameters: the session names no inputs.".to_owned());
         return Ok(());
     };
-    let own_clock = flight.gyroscope.filter(|_| flight.options.lag_s.is_none() && !results.poses.is_empty());
-    let moved = own_clock.map(|gyroscope| on_clock_of_poses(&results.poses, gyroscope, recorded));
-    results.notes.extend(moved.iter().map(|moved| moved.note.clone()));
     let recorded = match &moved {
-        Some(OnPoseClock { inputs: None, .. }) => {
-            results.motion = Some(motion);
+        Some(None) => {
+            results.motion = log.motion.or(Some(motion));
             return Ok(());
         }
-        Some(OnPoseClock { inputs: Some(inputs), .. }) => inputs,
+        Some(Some(inputs)) => inputs,
         None => recorded,
     };
     let weight = mass_in_grams(&motion, recorded, flight.vehicle);
     results.notes.extend(weight.iter().map(|finding| finding.note.clone()));
     results.findings.extend(weight);
     let solved = equation_error(&mut motion, recorded, flight, &mut results.notes, progress);
-    results.motion = Some(motion);
+    results.motion = log.motion.or(Some(motion));
     let mut inputs = None;
     match solved {
         Ok(solution) => {

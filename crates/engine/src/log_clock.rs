@@ -1,43 +1,73 @@
-//! Inputs of a log on the clock of the poses, by the log's gyroscope.
+//! The aircraft's own log beside the poses: its clock, its inputs on theirs, and its gyroscope in the motion.
 
+use crate::Flight;
 use mavsight_flight::InputSeries;
 use mavsight_inertial::{GyroscopeSeries, InertialError, LogAlignment, align_log};
-use mavsight_pose::PoseSample;
+use mavsight_pipeline::PipelineError;
+use mavsight_pose::{Motion, PoseSample, RateSeries};
 use mavsight_session::logs::LogGyroscope;
 
-/// What the gyroscope of a log made of its inputs.
-pub(crate) struct OnPoseClock {
-    /// Moved to the clock of the poses; none where that could not be found.
-    pub(crate) inputs: Option<InputSeries>,
+/// What the gyroscope of a log has made of the flight.
+#[derive(Default)]
+pub(crate) struct LogBesidePoses {
+    /// How the log lies beside the poses; none where that could not be found.
+    pub(crate) alignment: Option<LogAlignment>,
+    /// The motion from poses and gyroscope; none where they disagree.
+    pub(crate) motion: Option<Motion>,
     /// What a user should know.
-    pub(crate) note: String,
+    pub(crate) notes: Vec<String>,
 }
 
-/// Moves inputs from the clock of their log to that of the poses.
-pub(crate) fn on_clock_of_poses(
-    poses: &[PoseSample],
-    gyroscope: &LogGyroscope,
-    inputs: &InputSeries,
-) -> OnPoseClock {
-    match aligned(poses, gyroscope) {
-        Ok(found) => {
-            let moved = inputs.at_times(|log_s| found.pose_s(log_s));
-            let note = moved.as_ref().map_or_else(ToString::to_string, |_| words(&found, &gyroscope.source));
-            OnPoseClock { inputs: moved.ok(), note }
+impl LogBesidePoses {
+    /// Of a flight with a log whose clock is not known; none of another. `smooth` makes motion of the poses and rates.
+    pub(crate) fn of(
+        poses: &[PoseSample],
+        flight: &Flight<'_>,
+        smooth: impl FnOnce(&RateSeries) -> Result<Motion, PipelineError>,
+    ) -> Option<Self> {
+        let gyroscope = flight.gyroscope.filter(|_| flight.options.lag_s.is_none() && !poses.is_empty())?;
+        let (alignment, series) = match aligned(poses, gyroscope) {
+            Ok(found) => found,
+            Err(refusal) => {
+                let note = format!(
+                    "The log's clock is not known by the poses', so the log gives no inputs: {refusal}; or give --lag if both \
+                     clocks are known."
+                );
+                return Some(Self { notes: vec![note], ..Self::default() });
+            }
+        };
+        let mut notes = vec![words(&alignment, &gyroscope.source)];
+        let rates = alignment.body_rates(&series);
+        let motion =
+            rates.map_err(|why| why.to_string()).and_then(|r| smooth(&r).map_err(|why| why.to_string()));
+        notes.push(match &motion {
+            Ok(_) => "Attitude and rates of the motion follow the log's gyroscope too; equation error has the motion from \
+                      the poses alone, whose band it knows."
+                .to_owned(),
+            Err(why) => format!("The motion is that of the poses alone: {why}."),
+        });
+        Some(Self { alignment: Some(alignment), motion: motion.ok(), notes })
+    }
+
+    /// Inputs on the clock of the poses; none where that is not known.
+    pub(crate) fn moved(&mut self, inputs: &InputSeries) -> Option<InputSeries> {
+        let found = self.alignment.as_ref()?;
+        match inputs.at_times(|log_s| found.pose_s(log_s)) {
+            Ok(moved) => Some(moved),
+            Err(why) => {
+                self.notes.push(why.to_string());
+                None
+            }
         }
-        Err(refusal) => OnPoseClock {
-            inputs: None,
-            note: format!(
-                "The log's clock is not known by the poses', so the log gives no inputs: {refusal}; or give --lag if both \
-                 clocks are known."
-            ),
-        },
     }
 }
 
-fn aligned(poses: &[PoseSample], gyroscope: &LogGyroscope) -> Result<LogAlignment, InertialError> {
+fn aligned(
+    poses: &[PoseSample],
+    gyroscope: &LogGyroscope,
+) -> Result<(LogAlignment, GyroscopeSeries), InertialError> {
     let series = GyroscopeSeries::new(gyroscope.times_ns.clone(), gyroscope.rates_rad_s.clone())?;
-    align_log(poses, &series)
+    align_log(poses, &series).map(|found| (found, series))
 }
 
 fn words(found: &LogAlignment, source: &str) -> String {

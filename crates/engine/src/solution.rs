@@ -2,12 +2,13 @@
 
 use crate::error::input;
 use crate::identification::identify_into;
+use crate::log_clock::LogBesidePoses;
 use crate::{EngineError, TrackedFlight, calibrate, track};
 use mavsight_flight::{InputSeries, SensorSeries, Vehicle};
 use mavsight_identify::EquationFile;
 use mavsight_identify::output_error::{MotionFits, fitted_stretch_s};
 use mavsight_pipeline::{IdentifyOptions, Progress, motion_of, systematic_columns};
-use mavsight_pose::{MarkerObservation, PoseEstimate};
+use mavsight_pose::{MarkerObservation, PoseEstimate, RateSeries};
 use mavsight_session::logs::LogGyroscope;
 use mavsight_session::{RunResults, Session, write_markers_early};
 use std::path::Path;
@@ -142,7 +143,9 @@ pub fn solve(
     folder: Option<&Path>,
     progress: &dyn Progress,
 ) -> Result<RunResults, EngineError> {
-    let motion = motion_of(&tracked.tracked, flight.vehicle, progress);
+    let of_film = |rates: Option<&RateSeries>| motion_of(&tracked.tracked, rates, flight.vehicle, progress);
+    let motion = of_film(None);
+    let log = LogBesidePoses::of(&tracked.tracked.poses, flight, |rates| of_film(Some(rates)));
     // Large lists of a long flight are freed as soon as nothing needs them.
     drop(std::mem::take(&mut tracked.tracked.diameters_px));
     let systematic = systematic_columns(&tracked.tracked);
@@ -161,7 +164,7 @@ pub fn solve(
         let pose = &mut results.poses[k];
         pose.estimate = pose.estimate.clone().map(|e| e.with_systematic(&columns));
     }
-    identify_into(&mut results, motion, flight, progress)?;
+    identify_into(&mut results, motion, log, flight, progress)?;
     for k in with_columns {
         let pose = &mut results.poses[k];
         pose.estimate = pose.estimate.clone().map(PoseEstimate::condensed);

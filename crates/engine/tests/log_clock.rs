@@ -9,8 +9,8 @@ use mavsight_identify::output_error::MotionFits;
 use mavsight_pipeline::{IdentifyOptions, NoProgress};
 use mavsight_pose::{PoseEstimate, PoseSample};
 use mavsight_random::Random;
-use mavsight_session::RunResults;
 use mavsight_session::logs::LogGyroscope;
+use mavsight_session::{RunResults, write_results};
 use mavsight_simulator::{Maneuver, Scenario, simulate};
 
 /// The log's clock shows this at the first pose.
@@ -92,6 +92,18 @@ fn inputs_of_a_log_are_moved_to_the_clock_of_the_poses() {
     // No lag is left beyond what the inputs themselves can show.
     let lag = fit.parameters.iter().find(|p| p.name == "input_lag_s").unwrap();
     assert!(lag.value.abs() < 4.0 * lag.std && lag.std < 5e-3, "{lag:?}");
+    // The motion follows the gyroscope, and its table has times by the log's clock.
+    assert!(results.notes.iter().any(|n| n.contains("follow the log's gyroscope")), "{:?}", results.notes);
+    let motion = results.motion.as_ref().unwrap();
+    let rate_std = motion.samples[150].covariance.quantity(3).trace().sqrt();
+    assert!(rate_std < 5e-3, "{rate_std}");
+    let folder = std::env::temp_dir().join(format!("mavsight-log-clock-{}", std::process::id()));
+    write_results(&folder, &results).unwrap();
+    let table = std::fs::read_to_string(folder.join("motion.csv")).unwrap();
+    std::fs::remove_dir_all(&folder).unwrap();
+    assert!(table.lines().next().unwrap().ends_with(",log_t_s"));
+    let cells: Vec<f64> = table.lines().nth(151).unwrap().split(',').map(|c| c.parse().unwrap()).collect();
+    assert!((cells[cells.len() - 1] - log_s(cells[0])).abs() < 2e-3, "{cells:?}");
     let time_constant = fit.parameter("tau_l").unwrap();
     assert!((time_constant.value - 0.05).abs() < 4.0 * time_constant.std, "{time_constant:?}");
 }

@@ -14,10 +14,10 @@ use start::Start;
 use turns::{PoseTurn, pose_turns};
 
 /// Unknowns: offset, drift, turn of the sensor, bias, scale.
-const UNKNOWNS: usize = 11;
-const TURN: usize = 2;
-const BIAS: usize = 5;
-const SCALE: usize = 8;
+pub(crate) const UNKNOWNS: usize = 11;
+pub(crate) const TURN: usize = 2;
+pub(crate) const BIAS: usize = 5;
+pub(crate) const SCALE: usize = 8;
 
 /// What is known before the flight. Quartz clocks of cameras and flight controllers are made to within 50 ppm and age: two of
 /// them differ by 100 ppm as one standard deviation.
@@ -27,14 +27,16 @@ const DRIFT_STD: f64 = 1e-4;
 const BIAS_STD_RAD_S: f64 = 0.05;
 /// Tolerance of its sensitivity: 1 % (BMI088) to 3 % (MPU-6000).
 const SCALE_STD: f64 = 0.02;
-/// A turn of the sensor about an axis about which the aircraft does not turn is unknown by as much as a right angle.
+/// A turn of the sensor about an axis about which the aircraft does not turn is unknown by as much as a right angle, about where
+/// the turns correlate most.
 const TURN_STD_RAD: f64 = std::f64::consts::FRAC_PI_2;
 
 /// Fewer pairs of poses than this leave no room beside the unknowns.
 pub(crate) const LEAST_TURNS: usize = 2 * UNKNOWNS;
-const MAX_STEPS: usize = 30;
-/// A step of the offset that is this small, of its standard deviation, ends the fit.
-const LAST_STEP: f64 = 1e-3;
+/// About an axis about which the aircraft hardly turns, steps shorten slowly.
+const MAX_STEPS: usize = 100;
+/// A step this long, in standard deviations of all unknowns together, ends the fit.
+const LAST_STEP: f64 = 0.01;
 
 /// How a log lies beside poses.
 ///
@@ -106,7 +108,13 @@ pub fn align_log(poses: &[PoseSample], gyroscope: &GyroscopeSeries) -> Result<Lo
     }
     let Start { offset_s, body_from_sensor } = start::find(&turns, gyroscope)?;
     let at_s = middle_s(&turns, gyroscope, offset_s);
-    let problem = Problem { turns: &turns, gyroscope, at_s, noise_rad_s: gyroscope.noise_rad_s() };
+    let problem = Problem {
+        turns: &turns,
+        gyroscope,
+        at_s,
+        noise_rad_s: gyroscope.noise_rad_s(),
+        start: body_from_sensor,
+    };
     let errors = RateErrors { bias_rad_s: Vector3::zeros(), scale: Vector3::zeros() };
     problem.fit(Point { offset_s, drift: 0.0, body_from_sensor, errors })
 }
@@ -149,6 +157,8 @@ struct Problem<'a> {
     gyroscope: &'a GyroscopeSeries,
     at_s: f64,
     noise_rad_s: f64,
+    /// The attitude of the sensor by the correlation of turns.
+    start: UnitQuaternion<f64>,
 }
 
 /// The turn that the gyroscope predicts less that between two poses, and its derivative.
@@ -176,11 +186,9 @@ impl Problem<'_> {
             }
             let Some(factor) = normal.information.cholesky() else { break };
             let step = factor.solve(&normal.right);
-            let covariance = factor.inverse();
-            let scaled = step.component_div(&covariance.diagonal().map(f64::sqrt));
             point = point.moved(&step);
             step_s = step[0];
-            if scaled.amax() < LAST_STEP {
+            if normal.right.dot(&step) < LAST_STEP * LAST_STEP {
                 return self
                     .aligned(&point)
                     .ok_or(InertialError::NotConverged { steps: MAX_STEPS, step_ms: 1e3 * step_s.abs() });
@@ -240,16 +248,17 @@ impl Problem<'_> {
         normal
     }
 
-    /// What is known before the flight. The turn's is no more than keeps the equations regular, and pulls to no attitude.
+    /// What is known before the flight.
     fn known(&self, point: &Point) -> Normal {
         let errors = &point.errors;
         let (bias, scale) = (errors.bias_rad_s, errors.scale);
+        let turn = (point.body_from_sensor * self.start.inverse()).scaled_axis();
         let weight = |std: f64| std.powi(-2);
         let mut weights = SVector::<f64, UNKNOWNS>::zeros();
         let mut away = SVector::<f64, UNKNOWNS>::zeros();
         (weights[1], away[1]) = (weight(DRIFT_STD), point.drift);
         for k in 0..3 {
-            weights[TURN + k] = weight(TURN_STD_RAD);
+            (weights[TURN + k], away[TURN + k]) = (weight(TURN_STD_RAD), turn[k]);
             (weights[BIAS + k], away[BIAS + k]) = (weight(BIAS_STD_RAD_S), bias[k]);
             (weights[SCALE + k], away[SCALE + k]) = (weight(SCALE_STD), scale[k]);
         }

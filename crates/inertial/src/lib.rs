@@ -5,6 +5,7 @@
 mod alignment;
 mod error;
 mod gyroscope;
+mod rates;
 
 pub use alignment::{LogAlignment, align_log};
 pub use error::InertialError;

@@ -22,7 +22,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let before = report("program and inputs", count, 0.0);
     let tracked = reconstruct(&rig, &vehicle, instants(&rig, &body_markers(&vehicle), count))?;
     report("observations and poses", count, before);
-    let motion = motion_of(&tracked, &vehicle, &NoProgress)?;
+    let motion = motion_of(&tracked, None, &vehicle, &NoProgress)?;
     report("motion", count, before);
     // As a run does: the markers go to the disk, and those of a minute are kept.
     let folder = std::env::temp_dir().join(format!("mavsight-memory-{}", std::process::id()));

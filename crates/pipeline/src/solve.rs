@@ -8,7 +8,7 @@ use mavsight_identify::{
     Clocks, CoefficientTable, FitOptions, Identification, IdentifyError, Options, SignalErrors,
     choose_structure, coefficients, delayed, estimate_lag, identify_with,
 };
-use mavsight_pose::{Motion, PoseSample, smooth, smooth_with_effects};
+use mavsight_pose::{EffectsOf, Motion, PoseSample, RateSeries, smooth_with_effects, smooth_with_rates};
 use nalgebra::Matrix6xX;
 use std::cell::RefCell;
 
@@ -42,37 +42,51 @@ pub struct Solution {
     pub inputs: Option<InputSeries>,
 }
 
-/// Smooths the poses into motion.
+/// Smooths the poses into motion, with the rates of a gyroscope where there are any.
 ///
 /// # Errors
-/// Too few measured poses.
+/// Too few measured poses; rates that contradict them.
 pub fn motion_from_poses(
     poses: &[PoseSample],
+    rates: Option<&RateSeries>,
+    vehicle: &Vehicle,
+    progress: &dyn Progress,
+) -> Result<Motion, PipelineError> {
+    smoothed(poses, &|_| None, rates, vehicle, progress)
+}
+
+fn smoothed(
+    poses: &[PoseSample],
+    effects: EffectsOf<'_>,
+    rates: Option<&RateSeries>,
     vehicle: &Vehicle,
     progress: &dyn Progress,
 ) -> Result<Motion, PipelineError> {
     progress.begin(Stage::Smooth, None);
-    smooth(poses, vehicle.environment.gravity_m_s2)
-        .map_err(|source| PipelineError::Pose { place: "smoothing".into(), source })
+    let gravity_m_s2 = vehicle.environment.gravity_m_s2;
+    let motion = match rates {
+        Some(rates) => smooth_with_rates(poses, effects, rates, gravity_m_s2),
+        None => smooth_with_effects(poses, effects, gravity_m_s2),
+    };
+    motion.map_err(|source| PipelineError::Pose { place: "smoothing".into(), source })
 }
 
 /// Smooths the poses of what was tracked; the systematic part of their errors is formed from the
-/// observations as it is needed.
+/// observations as it is needed. With the rates of a gyroscope where there are any.
 ///
 /// # Errors
-/// Too few measured poses.
+/// Too few measured poses; rates that contradict them.
 pub fn motion_of(
     tracked: &Tracked,
+    rates: Option<&RateSeries>,
     vehicle: &Vehicle,
     progress: &dyn Progress,
 ) -> Result<Motion, PipelineError> {
     if tracked.estimator.is_none() {
-        return motion_from_poses(&tracked.poses, vehicle, progress);
+        return motion_from_poses(&tracked.poses, rates, vehicle, progress);
     }
-    progress.begin(Stage::Smooth, None);
     let effects = systematic_effects(tracked);
-    smooth_with_effects(&tracked.poses, &effects, vehicle.environment.gravity_m_s2)
-        .map_err(|source| PipelineError::Pose { place: "smoothing".into(), source })
+    smoothed(&tracked.poses, &effects, rates, vehicle, progress)
 }
 
 /// The effects of systematic errors on the poses, by the pose's number, formed from the observations when

@@ -22,7 +22,7 @@ fn an_hour_is_within_its_bound() {
     let held = |count: usize| {
         let region = Region::new(COUNTED);
         let tracked = reconstruct(&rig, &vehicle, instants(&rig, &body, count)).unwrap();
-        let motion = motion_of(&tracked, &vehicle, &NoProgress).unwrap();
+        let motion = motion_of(&tracked, None, &vehicle, &NoProgress).unwrap();
         let bytes = || {
             let change = region.change();
             (change.bytes_allocated - change.bytes_deallocated) as f64

@@ -71,7 +71,7 @@ impl VirtualLab {
             true => refine(&mut tracked, &rig, &self.vehicle, Refinement::default())?.refined.rig,
             false => rig,
         };
-        let motion = motion_of(&tracked, &self.vehicle, &NoProgress)?;
+        let motion = motion_of(&tracked, None, &self.vehicle, &NoProgress)?;
         Ok(VirtualFlight { truth, rig, tracked, motion })
     }
 

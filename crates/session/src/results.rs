@@ -8,6 +8,7 @@ mod write;
 
 use mavsight_identify::output_error::FlightFits;
 use mavsight_identify::{Clocks, CoefficientTable, Identification};
+use mavsight_inertial::LogAlignment;
 use mavsight_pipeline::{CameraHealth, CentreQuality, Finding, TimedFrame};
 use mavsight_pose::{ClockEstimate, MarkerObservation, Motion, PoseSample, Rig};
 
@@ -74,6 +75,8 @@ pub struct RunResults {
     pub output_error: FlightFits,
     /// The cameras' clocks, in the order of `camera_names`; empty where they were not looked at.
     pub camera_clocks: Vec<ClockEstimate>,
+    /// How the aircraft's own log lies beside the poses, where it was aligned.
+    pub log: Option<LogAlignment>,
     /// The lag between inputs and motion.
     pub clocks: Option<Clocks>,
     /// How well each camera saw the markers; none where they were seen by others.

@@ -91,7 +91,7 @@ pub(crate) fn track(args: &Stage) -> Result<()> {
     named(session.require_sizes(&rig, &args.out.join(names::RIG)))?;
     let bars = Bars::new();
     let tracked = mavsight_engine::track(&session, rig, &bars)?;
-    let motion = mavsight_pipeline::motion_of(&tracked.tracked, &session.vehicle, &bars).ok();
+    let motion = mavsight_pipeline::motion_of(&tracked.tracked, None, &session.vehicle, &bars).ok();
     bars.done();
     put(RunResults { motion, ..tracked.into_results(&session.file.name, &session.vehicle) }, &args.out)
 }

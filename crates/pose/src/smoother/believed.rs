@@ -2,6 +2,7 @@
 
 use crate::estimate::chi_square_beyond;
 use crate::smoother::noise::{Likely, likely};
+use crate::smoother::rates::Rates;
 use crate::smoother::smooth::{Checked, Flown, each_smoothed, known_parts};
 use crate::smoother::state::Joint;
 use crate::statistics::median;
@@ -25,7 +26,7 @@ pub(crate) struct Believed<'a> {
     pub(crate) poses: Cow<'a, [PoseSample]>,
     /// Indices of poses at which the motion begins anew.
     pub(crate) anew: Vec<usize>,
-    pub(crate) found: Likely,
+    pub(crate) found: Likely<'a>,
     pub(crate) doubts: Doubts,
 }
 
@@ -39,10 +40,14 @@ pub(crate) struct Believed<'a> {
 /// 6.6, on masking and swamping). Behind a gap the innovations of three poses, which
 /// hold place, rate and acceleration, are tested together (Bar-Shalom, Li & Kirubarajan 2001, section 5.4.2):
 /// if they fail, the motion begins anew there.
-pub(crate) fn believed(poses: &[PoseSample]) -> Result<Believed<'_>, PoseError> {
+pub(crate) fn believed<'a>(
+    poses: &'a [PoseSample],
+    rates: Option<&'a Rates>,
+) -> Result<Believed<'a>, PoseError> {
     let mut kept = Cow::Borrowed(poses);
     let (mut anew, mut left_out) = (Vec::new(), Vec::new());
-    let mut found = likely(poses, &anew)?;
+    let likely = |poses: &[PoseSample], anew: &[usize]| likely(poses, anew).map(|l| l.with_rates(rates));
+    let mut found: Likely<'_> = likely(poses, &anew)?;
     for _ in 0..MOST_ROUNDS {
         let Some(wrong) = Wrong::of(poses, &kept, &anew, &found) else { break };
         match wrong {
@@ -84,7 +89,7 @@ enum Wrong {
 impl Wrong {
     /// What of the poses kept disagrees. Gaps of the film come first, since behind a motion that was never seen
     /// right poses seem wrong; those that poses left out have torn come last, when the others are sound.
-    fn of(all: &[PoseSample], kept: &[PoseSample], anew: &[usize], found: &Likely) -> Option<Self> {
+    fn of(all: &[PoseSample], kept: &[PoseSample], anew: &[usize], found: &Likely<'_>) -> Option<Self> {
         let parts = checked_parts(kept, anew, found);
         let count = parts.iter().map(Vec::len).sum::<usize>().max(1);
         let steps_s = parts.iter().flat_map(|part| part.windows(2)).map(|w| step_s(kept, w)).collect();
@@ -123,21 +128,27 @@ fn agreeing(
     kept: &[PoseSample],
     left_out: &[usize],
     anew: &[usize],
-    found: &Likely,
+    found: &Likely<'_>,
 ) -> Vec<usize> {
     let mut out = Vec::new();
     if left_out.is_empty() {
         return out;
     }
     let gate = chi_square_beyond(POSE, FALSE_ALARM / poses.len() as f64);
-    for part in known_parts(kept, anew, found.noise.longest_gap_s()) {
+    for part in known_parts(kept, anew, found) {
         let first = part.start;
-        each_smoothed(Flown::without_effects(&kept[part], first), &found.noise, |k, state, _| {
-            let seen =
-                left_out.contains(&(first + k)).then(|| poses[first + k].estimate.as_ref().ok()).flatten();
-            let square = seen.and_then(|seen| state.disagreement(seen, &found.noise));
-            out.extend(square.filter(|square| *square <= gate).map(|_| first + k));
-        });
+        each_smoothed(
+            &Flown::without_effects(&kept[part], first, found.rates),
+            &found.noise,
+            |k, state, _| {
+                let seen = left_out
+                    .contains(&(first + k))
+                    .then(|| poses[first + k].estimate.as_ref().ok())
+                    .flatten();
+                let square = seen.and_then(|seen| state.disagreement(seen, &found.noise));
+                out.extend(square.filter(|square| *square <= gate).map(|_| first + k));
+            },
+        );
     }
     out
 }
@@ -147,15 +158,15 @@ fn step_s(poses: &[PoseSample], pair: &[(usize, Checked)]) -> f64 {
 }
 
 /// How the poses of each part agree, by their indices; a part in which the arithmetic fails has none.
-fn checked_parts(poses: &[PoseSample], anew: &[usize], found: &Likely) -> Vec<Vec<(usize, Checked)>> {
-    let parts = known_parts(poses, anew, found.noise.longest_gap_s());
+fn checked_parts(poses: &[PoseSample], anew: &[usize], found: &Likely<'_>) -> Vec<Vec<(usize, Checked)>> {
+    let parts = known_parts(poses, anew, found);
     let checked = parts.into_iter().map(|part| {
         let first = part.start;
-        let flown = Flown::without_effects(&poses[part], first);
+        let flown = Flown::without_effects(&poses[part], first, found.rates);
         let mut out = Vec::new();
         let visit =
             |k: usize, _: Joint, checked: Option<Checked>| out.extend(checked.map(|c| (first + k, c)));
-        each_smoothed(flown, &found.noise, visit)?;
+        each_smoothed(&flown, &found.noise, visit)?;
         out.reverse();
         Some(out)
     });

@@ -3,6 +3,7 @@
 use crate::smoother::integrator::{
     CHAIN, CORRELATED, Integrator, JerkNoise, Place, add_process_noise, start_covariance,
 };
+use crate::smoother::rates::Rates;
 use crate::smoother::state::{MotionNoise, PRIOR_ROTATION, PRIOR_TRANSLATION};
 use crate::statistics::median;
 use crate::{PoseError, PoseEstimate, PoseSample};
@@ -12,7 +13,7 @@ use mavsight_geometry::{Isometry3, Matrix3, Vector3};
 pub(crate) const NEEDED: usize = 10;
 
 /// Steps of the coarse search for the bandwidth.
-const COARSE_STEPS: usize = 16;
+pub(crate) const COARSE_STEPS: usize = 16;
 
 /// Least factor on covariances that nobody vouches for: a record may have no scatter at all.
 const LEAST_FACTOR: f64 = 1e-4;
@@ -23,11 +24,25 @@ const TWO_MORE: f64 = 13.816;
 const SIGNIFICANT: f64 = 3.09;
 
 /// Noise and the bandwidths that it implies, in Hz: of position, of attitude.
-pub(crate) struct Likely {
+pub(crate) struct Likely<'a> {
     pub(crate) noise: MotionNoise,
     pub(crate) bandwidth_hz: (f64, f64),
     /// Share of the stated covariances, of position and of attitude, that the innovations do not show.
     pub(crate) unseen: [f64; 2],
+    /// What is measured beside the poses.
+    pub(crate) rates: Option<&'a Rates>,
+}
+
+impl<'a> Likely<'a> {
+    /// With rates, whose innovations show the jerk of the attitude at frequencies that poses do not.
+    pub(crate) fn with_rates(mut self, rates: Option<&'a Rates>) -> Self {
+        self.rates = rates;
+        if let Some(rates) = rates {
+            self.noise.rotation.intensity = rates.intensity;
+            self.bandwidth_hz.1 = rates.bandwidth_hz;
+        }
+        self
+    }
 }
 
 /// The noise under which the poses of a flight are most likely: strength of the jerk and size of the
@@ -38,7 +53,7 @@ pub(crate) struct Likely {
 /// [`PoseError::TooFewPoses`] under 10 poses; [`PoseError::TimeNotIncreasing`]; [`PoseError::BadPose`].
 pub fn motion_noise(poses: &[PoseSample]) -> Result<MotionNoise, PoseError> {
     check(poses)?;
-    Ok(crate::smoother::believed::believed(poses)?.found.noise)
+    Ok(crate::smoother::believed::believed(poses, None)?.found.noise)
 }
 
 pub(crate) fn check(poses: &[PoseSample]) -> Result<(), PoseError> {
@@ -56,7 +71,7 @@ pub(crate) fn check(poses: &[PoseSample]) -> Result<(), PoseError> {
 }
 
 /// The noise of poses between which the motion begins anew at some, by their indices.
-pub(crate) fn likely(poses: &[PoseSample], anew: &[usize]) -> Result<Likely, PoseError> {
+pub(crate) fn likely(poses: &[PoseSample], anew: &[usize]) -> Result<Likely<'static>, PoseError> {
     let failed = PoseError::BadPose { index: 0, what: "the likelihood of the noise" };
     let first = poses.iter().position(|p| p.estimate.is_ok()).ok_or(failed.clone())?;
     let poses = &poses[first..];
@@ -68,7 +83,7 @@ pub(crate) fn likely(poses: &[PoseSample], anew: &[usize]) -> Result<Likely, Pos
     let series = Series::of(poses, &anew, PRIOR_ROTATION, 3, |pose| pose.rotation);
     let (rotation, second_hz, second) = most_likely(&series, vouched).ok_or(failed)?;
     let noise = MotionNoise { translation, rotation };
-    Ok(Likely { noise, bandwidth_hz: (first_hz, second_hz), unseen: [first, second] })
+    Ok(Likely { noise, bandwidth_hz: (first_hz, second_hz), unseen: [first, second], rates: None })
 }
 
 /// What the search moves: logarithms of the bandwidth in Hz, of the correlated part's variance over the new
@@ -173,7 +188,7 @@ impl<P: Place> Search<'_, P> {
 }
 
 /// The least of a function of one variable: a grid, then halved steps from its best point.
-fn least(cost: impl Fn(f64) -> f64, low: f64, high: f64, steps: usize) -> f64 {
+pub(crate) fn least(cost: impl Fn(f64) -> f64, low: f64, high: f64, steps: usize) -> f64 {
     let mut step = (high - low) / steps as f64;
     let at = |x: f64| (cost(x), x);
     let lower = |a: (f64, f64), b: (f64, f64)| if b.0 < a.0 { b } else { a };

@@ -3,10 +3,11 @@
 use crate::smoother::integrator::{
     CHAIN, CORRELATED, Integrator, JerkNoise, Transition, add_process_noise, start_covariance,
 };
+use crate::smoother::rates::{MeanRate, Rates};
 use crate::{MotionCovariance, MotionSample, PoseEstimate};
 use mavsight_geometry::attitude::matrix_of;
 use mavsight_geometry::{Isometry3, Matrix3, Matrix6, UnitQuaternion, Vector3};
-use nalgebra::{Const, Dyn, Matrix6xX, OMatrix, SMatrix, SVector, Translation3, Vector6};
+use nalgebra::{Const, DMatrix, DVector, Dyn, OMatrix, SMatrix, SVector, Translation3, Vector6};
 
 /// Length of the error state: the chain of position, then that of attitude.
 pub(crate) const STATE: usize = 2 * CHAIN;
@@ -49,12 +50,19 @@ pub(crate) struct Joint {
     pub(crate) effects: Effects,
 }
 
+/// What a measurement of some coordinates did to the state: six of a pose, three of rates.
 #[derive(Debug, Clone)]
-pub(crate) struct Update {
-    gain: SMatrix<f64, STATE, 6>,
-    inverse: Matrix6<f64>,
-    pub(crate) innovation: Vector6<f64>,
-    effects: Matrix6xX<f64>,
+pub(crate) struct Update<const N: usize = 6> {
+    gain: SMatrix<f64, STATE, N>,
+    inverse: SMatrix<f64, N, N>,
+    pub(crate) innovation: SVector<f64, N>,
+    effects: OMatrix<f64, Const<N>, Dyn>,
+}
+
+/// What a measurement says beyond the state, and the covariance of that.
+struct Innovation<const N: usize> {
+    value: SVector<f64, N>,
+    covariance: SMatrix<f64, N, N>,
 }
 
 /// H, the part of the error state that a measured pose observes: its place, and the correlated error of that.
@@ -63,6 +71,14 @@ fn observation() -> SMatrix<f64, 6, STATE> {
         let at = CHAIN * (i / 3) + i % 3;
         if j == at || j == at + CORRELATED { 1.0 } else { 0.0 }
     })
+}
+
+/// Where body rates begin in the error state.
+const RATE: usize = CHAIN + 3;
+
+/// H of measured rates.
+fn rate_observation() -> SMatrix<f64, 3, STATE> {
+    SMatrix::from_fn(|i, j| if j == RATE + i { 1.0 } else { 0.0 })
 }
 
 /// The covariance of the random errors of a measurement, position and attitude each by its factor.
@@ -137,16 +153,49 @@ impl Joint {
         Some(innovation.dot(&s.cholesky()?.solve(&innovation)))
     }
 
-    /// Updates the state by a pose (Joseph's form, expanded). `None` where the arithmetic fails.
+    /// Updates the state by a pose. `None` where the arithmetic fails.
     pub(crate) fn update(
         &mut self,
         seen: &PoseEstimate,
         noise: &MotionNoise,
         out: &mut Update,
     ) -> Option<()> {
-        let (innovation, s) = self.innovation(seen, noise);
-        out.innovation = innovation;
-        let h = observation();
+        let (value, covariance) = self.innovation(seen, noise);
+        let column = |c: usize| (c < seen.systematic_columns()).then(|| seen.systematic_column(c));
+        self.take(&observation(), Innovation { value, covariance }, column, out)
+    }
+
+    /// Updates the state by a mean of measured rates, whose systematic columns follow `first` others.
+    pub(crate) fn update_by_rates(
+        &mut self,
+        rates: &Rates,
+        mean: &MeanRate,
+        first: usize,
+        out: &mut Update<3>,
+    ) -> Option<()> {
+        let own = self.covariance.fixed_view::<3, 3>(RATE, RATE);
+        let seen = Innovation {
+            value: mean.rate_rad_s - self.rotation.rate,
+            covariance: own + Matrix3::identity() * mean.variance,
+        };
+        let acceleration = self.rotation.acceleration;
+        let column = |c: usize| {
+            let own = c.checked_sub(first).filter(|own| *own < rates.columns())?;
+            Some(rates.error(own, mean, &acceleration))
+        };
+        self.take(&rate_observation(), seen, column, out)
+    }
+
+    /// Updates the state by a measurement (Joseph's form, expanded), with its systematic columns where it has them.
+    fn take<const N: usize>(
+        &mut self,
+        h: &SMatrix<f64, N, STATE>,
+        seen: Innovation<N>,
+        column: impl Fn(usize) -> Option<SVector<f64, N>>,
+        out: &mut Update<N>,
+    ) -> Option<()> {
+        let s = seen.covariance;
+        out.innovation = seen.value;
         let rows = h * self.covariance;
         out.inverse = s.cholesky()?.inverse();
         out.gain = rows.transpose() * out.inverse;
@@ -160,8 +209,8 @@ impl Joint {
         for c in 0..self.effects.ncols() {
             let effect: VectorS = self.effects.column(c).into_owned();
             let mut y = -(h * effect);
-            if c < seen.systematic_columns() {
-                y += seen.systematic_column(c);
+            if let Some(own) = column(c) {
+                y += own;
             }
             out.effects.set_column(c, &y);
             self.effects.set_column(c, &(effect + out.gain * y));
@@ -172,16 +221,17 @@ impl Joint {
     /// Widens the covariance for a share of the poses' own covariance that their innovations do not show. Such
     /// errors move as slowly as the motion; spread evenly over the band that the smoother passes, which is
     /// the spectrum of greatest entropy for them, all of their variance passes, of which the smoother takes the
-    /// part of white errors.
-    pub(crate) fn widen_by_unseen(&mut self, own: &Matrix6<f64>, share: [f64; 2]) {
+    /// part of white errors. Beside measured `rates` errors of the poses reach the attitude, and not what the rates say.
+    pub(crate) fn widen_by_unseen(&mut self, own: &Matrix6<f64>, share: [f64; 2], rates: bool) {
         for (i, share) in share.into_iter().enumerate() {
             let at = CHAIN * i;
             let passed = self.covariance.fixed_view::<3, 3>(at, at).trace();
             let ratio = own.fixed_view::<3, 3>(3 * i, 3 * i).trace() / passed;
             if share > 0.0 && ratio > 1.0 {
                 let factor = (1.0 + share * (ratio - 1.0)).sqrt();
-                self.covariance.fixed_rows_mut::<CHAIN>(at).scale_mut(factor);
-                self.covariance.fixed_columns_mut::<CHAIN>(at).scale_mut(factor);
+                let reached = if rates && i == 1 { 3 } else { CHAIN };
+                self.covariance.rows_mut(at, reached).scale_mut(factor);
+                self.covariance.columns_mut(at, reached).scale_mut(factor);
             }
         }
     }
@@ -199,12 +249,12 @@ impl Joint {
         (self.translation.correlated, self.rotation.correlated) = (Vector3::zeros(), Vector3::zeros());
     }
 
-    pub(crate) fn blank_update(&self) -> Update {
+    pub(crate) fn blank_update<const N: usize>(&self) -> Update<N> {
         Update {
             gain: SMatrix::zeros(),
-            inverse: Matrix6::zeros(),
-            innovation: Vector6::zeros(),
-            effects: Matrix6xX::zeros(self.effects.ncols()),
+            inverse: SMatrix::zeros(),
+            innovation: SVector::zeros(),
+            effects: OMatrix::<f64, Const<N>, Dyn>::zeros(self.effects.ncols()),
         }
     }
 
@@ -251,6 +301,18 @@ impl Update {
     pub(crate) fn chi_square(&self) -> f64 {
         self.innovation.dot(&(self.inverse * self.innovation))
     }
+
+    /// Logarithm of the determinant of the innovation's covariance.
+    pub(crate) fn log_determinant(&self) -> f64 {
+        -self.inverse.determinant().ln()
+    }
+
+    /// Adds what the innovation says of the systematic errors to normal equations of these.
+    pub(crate) fn add_information(&self, information: &mut DMatrix<f64>, right: &mut DVector<f64>) {
+        let weighted = self.inverse * &self.effects;
+        *information += self.effects.tr_mul(&weighted);
+        *right += weighted.tr_mul(&self.innovation);
+    }
 }
 
 /// The information of the later measurements: the adjoint state and its information matrix (Bryson & Frazier
@@ -289,6 +351,25 @@ impl Adjoint {
         let information = update.inverse + update.gain.tr_mul(&self.information) * update.gain;
         let information = (information + information.transpose()) * 0.5;
         Some(through.dot(&information.cholesky()?.solve(&through)))
+    }
+
+    /// As [`Self::before_update`]. Rates are many, so here the product with 1 - gain·H is written out.
+    pub(crate) fn before_rates(&mut self, update: &Update<3>) {
+        let through = update.gain.tr_mul(&self.vector) + update.inverse * update.innovation;
+        let mut of_rates = self.vector.fixed_rows_mut::<3>(RATE);
+        of_rates -= through;
+        let through = update.gain.tr_mul(&self.effects) + update.inverse * &update.effects;
+        let mut of_rates = self.effects.fixed_rows_mut::<3>(RATE);
+        of_rates -= through;
+        // One side after the other: expanded into four terms, the product loses its positive eigenvalues.
+        let columns = self.information * update.gain;
+        let mut own = self.information.fixed_columns_mut::<3>(RATE);
+        own -= columns;
+        let rows = update.gain.tr_mul(&self.information);
+        let mut own = self.information.fixed_rows_mut::<3>(RATE);
+        own -= rows;
+        let mut own = self.information.fixed_view_mut::<3, 3>(RATE, RATE);
+        own += update.inverse;
     }
 
     pub(crate) fn before_update(&mut self, update: &Update) {

@@ -41,6 +41,9 @@ pub(super) const RATES: [Quantity; 12] = [
     ("rdot", "rad_s2"),
 ];
 
+/// Times by the clock of the aircraft's log, in `pose.csv` and `motion.csv`.
+pub(super) const LOG_TIME: &str = "log_t_s";
+
 pub(super) fn motion() -> impl Iterator<Item = Quantity> {
     POSE.into_iter().chain(RATES)
 }

@@ -6,7 +6,8 @@ use crate::table::csv_lines;
 use crate::{SessionError, make_folder, s_from_ns};
 use mavsight_geometry::{EulerAngles, Isometry3};
 use mavsight_identify::{CoefficientTable, Pooled, PooledParameter};
-use mavsight_pose::{MarkerObservation, Motion, MotionSample, Observations, PoseSample, euler_std};
+use mavsight_inertial::LogAlignment;
+use mavsight_pose::{MarkerObservation, Motion, MotionSample, Observations, euler_std};
 use std::io::{self, Write};
 use std::path::Path;
 use std::sync::Arc;
@@ -104,13 +105,13 @@ fn parts(results: &RunResults, folder: &Path) -> Result<Vec<(&'static str, Arc<P
         if results.markers_file.is_none() {
             part(names::MARKERS, &|out| markers(results.markers.iter().cloned(), results, out))?;
         }
-        part(names::POSE, &|out| poses(&results.poses, &results.marker_names, out))?;
+        part(names::POSE, &|out| poses(results, out))?;
     }
     if !results.body.is_empty() {
         part(names::BODY, &|out| body(&results.body, out))?;
     }
     if let Some(motion) = &results.motion {
-        part(names::MOTION, &|out| motion_table(motion, out))?;
+        part(names::MOTION, &|out| motion_table(motion, results.log.as_ref(), out))?;
     }
     if let Some(table) = &results.coefficients {
         part(names::COEFFICIENTS, &|out| coefficients(table, out))?;
@@ -177,15 +178,25 @@ fn pose_values(world_from_body: &Isometry3<f64>) -> [f64; 6] {
     [p.x, p.y, p.z, e.phi_rad, e.theta_rad, e.psi_rad]
 }
 
-fn poses(samples: &[PoseSample], marker_names: &[String], out: &mut dyn Write) -> io::Result<()> {
+/// The name of the column of times by the aircraft's log, where that was aligned, and none elsewhere.
+fn log_column(log: Option<&LogAlignment>) -> Option<String> {
+    log.map(|_| columns::LOG_TIME.to_owned())
+}
+
+fn log_time(log: Option<&LogAlignment>, t_ns: i64) -> Option<String> {
+    log.map(|log| format!("{:.9}", log.log_s(s_from_ns(t_ns))))
+}
+
+fn poses(results: &RunResults, out: &mut dyn Write) -> io::Result<()> {
+    let (marker_names, log) = (&results.marker_names, results.log.as_ref());
     let mut header = vec!["t_s".to_owned()];
     header.extend(columns::POSE.map(columns::value));
     header.extend(columns::POSE.map(columns::std));
     header.extend(["markers".to_owned(), "residual_px".to_owned()]);
     header.extend(columns::upper_triangle().map(columns::new_covariance));
     let width = header.len();
-    let mut lines = csv_lines(out, header)?;
-    for sample in samples {
+    let mut lines = csv_lines(out, header.into_iter().chain(log_column(log)))?;
+    for sample in &results.poses {
         let mut cells = vec![time(sample.t_ns)];
         if let Ok(e) = &sample.estimate {
             cells.extend(pose_values(&e.world_from_body).map(number));
@@ -199,21 +210,24 @@ fn poses(samples: &[PoseSample], marker_names: &[String], out: &mut dyn Write) -
             cells.extend(columns::upper_triangle().map(|at| number(own[at])));
         }
         cells.resize(width, String::new());
+        cells.extend(log_time(log, sample.t_ns));
         lines.write_record(cells)?;
     }
     lines.flush()
 }
 
-fn motion_table(motion: &Motion, out: &mut dyn Write) -> io::Result<()> {
+fn motion_table(motion: &Motion, log: Option<&LogAlignment>, out: &mut dyn Write) -> io::Result<()> {
     let header = columns::motion().flat_map(|q| [columns::value(q), columns::std(q)]);
-    let mut lines = csv_lines(out, std::iter::once("t_s".to_owned()).chain(header))?;
+    let header = std::iter::once("t_s".to_owned()).chain(header).chain(log_column(log));
+    let mut lines = csv_lines(out, header)?;
     // Instants at which the motion is not known have a row with their time alone, as poses have.
     let unknown = motion.unknown_ns.iter().map(|t_ns| (*t_ns, None));
     let mut rows: Vec<_> = motion.samples.iter().map(|s| (s.t_ns, Some(s))).chain(unknown).collect();
     rows.sort_by_key(|row| row.0);
     for (t_ns, sample) in rows {
         let empty = || vec![String::new(); 2 * columns::motion().count()];
-        lines.write_record(std::iter::once(time(t_ns)).chain(sample.map_or_else(empty, motion_cells)))?;
+        let cells = std::iter::once(time(t_ns)).chain(sample.map_or_else(empty, motion_cells));
+        lines.write_record(cells.chain(log_time(log, t_ns)))?;
     }
     lines.flush()
 }
