@@ -83,8 +83,8 @@ impl Curve {
     }
 }
 
-/// Columns of a plot, and points of one beyond which a curve is thinned: so that a page of an hour's flight stays small.
-const COLUMNS: usize = 400;
+/// Columns of a plot, and points of one beyond which a curve is thinned, so that the page of an hour is small.
+const COLUMNS: usize = 250;
 const MOST_OF_A_COLUMN: usize = 5;
 
 pub(crate) struct Panel {
@@ -108,7 +108,7 @@ pub(crate) fn draw(chart: &Chart) -> Result<String, ReportError> {
     let points = chart.panels.iter().flat_map(|p| &p.curves).flat_map(|c| &c.points);
     let (start, end) = bounds(points.map(|p| p.0)).ok_or(ReportError::Plot("a chart has no finite point"))?;
     let height = LEGEND_HEIGHT + PANEL_HEIGHT * chart.panels.len() as u32 + 24;
-    svg(height, |root| {
+    let drawn = svg(height, |root| {
         let (head, body) = root.split_vertically(LEGEND_HEIGHT);
         legend(&head, chart)?;
         let areas = body.split_evenly((chart.panels.len(), 1));
@@ -117,7 +117,36 @@ pub(crate) fn draw(chart: &Chart) -> Result<String, ReportError> {
             draw_panel(area, panel, start..end, last.then_some(chart.axis))?;
         }
         Ok(())
-    })
+    });
+    Ok(dotted_and_dashed(&drawn?))
+}
+
+/// A drawing with each run of small circles as one path, and with truth dashed: an element for each dot and each dash would
+/// be ten times the text.
+fn dotted_and_dashed(svg: &str) -> String {
+    let (mut out, mut dots) = (String::with_capacity(svg.len()), String::new());
+    let number = |line: &str, key: &str| Some(line.split_once(key)?.1.split_once('"')?.0.to_owned());
+    for line in svg.lines() {
+        let dot = line.starts_with("<circle").then(|| Some((number(line, "cx=\"")?, number(line, "cy=\"")?)));
+        if let Some((x, y)) = dot.flatten() {
+            dots += &format!("M{x} {y}h0");
+            continue;
+        }
+        out += &dot_path(&std::mem::take(&mut dots));
+        if line.starts_with("<polyline") && line.contains("stroke=\"#000000\"") {
+            out += &line.replacen("<polyline", "<polyline stroke-dasharray=\"7 5\"", 1);
+        } else {
+            out += line;
+        }
+        out.push('\n');
+    }
+    out
+}
+
+fn dot_path(dots: &str) -> String {
+    let RGBColor(r, g, b) = Role::Measured.color();
+    let style = format!("stroke=\"#{r:02X}{g:02X}{b:02X}\" stroke-width=\"4\" stroke-linecap=\"round\"");
+    if dots.is_empty() { String::new() } else { format!("<path d=\"{dots}\" {style}/>\n") }
 }
 
 /// The numbers of a chart for the page's script: panels with their curves, each with times `t`, values `v` and half the
@@ -185,14 +214,13 @@ fn legend(area: &Area<'_>, chart: &Chart) -> Drawn {
 fn stroke(area: &Area<'_>, role: Role, points: &[(i32, i32); 2]) -> Drawn {
     let style = role.color().stroke_width(if role == Role::Model { 2 } else { 3 });
     match role {
-        Role::Truth => area.draw(&plotters::element::DashedPathElement::new(points.to_vec(), 7, 5, style)),
         Role::Measured => {
             for k in 0..4 {
                 area.draw(&Circle::new((points[0].0 + 4 + 8 * k, points[0].1), 2, role.color().filled()))?;
             }
             Ok(())
         }
-        Role::Estimate | Role::Model => area.draw(&PathElement::new(points.to_vec(), style)),
+        Role::Truth | Role::Estimate | Role::Model => area.draw(&PathElement::new(points.to_vec(), style)),
     }
 }
 
@@ -243,13 +271,10 @@ fn draw_panel(area: &Area<'_>, panel: &Panel, times: Range<f64>, axis: Option<&s
         let style = curve.role.color().stroke_width(if curve.role == Role::Model { 1 } else { 2 });
         for run in curve.points.split(|p| !(p.0.is_finite() && p.1.is_finite())).filter(|r| !r.is_empty()) {
             match curve.role {
-                Role::Truth => {
-                    chart.draw_series(DashedLineSeries::new(run.iter().copied(), 7, 5, style))?;
-                }
                 Role::Measured => {
                     chart.draw_series(run.iter().map(|p| Circle::new(*p, 2, curve.role.color().filled())))?;
                 }
-                Role::Estimate | Role::Model => {
+                Role::Truth | Role::Estimate | Role::Model => {
                     chart.draw_series(LineSeries::new(run.iter().copied(), style))?;
                 }
             }
@@ -321,8 +346,8 @@ mod tests {
         assert_eq!(at(40_000).map(|k| thin.half_width[k]), Some(9.0));
         assert!(thin.points.iter().any(|p| p.1.is_nan()));
         assert!(thin.points.windows(2).all(|w| w[0].0 < w[1].0));
-        let short = Curve { points: long.points[..2000].to_vec(), half_width: vec![], ..long };
-        assert_eq!(short.clone().thinned().points.len(), 2000);
+        let short = Curve { points: long.points[..1200].to_vec(), half_width: vec![], ..long };
+        assert_eq!(short.clone().thinned().points.len(), 1200);
     }
 
     #[test]
@@ -339,6 +364,20 @@ mod tests {
         let svg = draw(&banded).expect("a plot");
         assert_eq!(svg.matches("<polygon").count(), 2);
         assert!(!svg.contains("NaN"));
+    }
+
+    /// A page has about forty curves, and fewer than three megabytes.
+    #[test]
+    fn an_hour_of_a_curve_is_small_both_drawn_and_as_numbers() {
+        for role in [Role::Measured, Role::Estimate, Role::Truth] {
+            let mut hour = chart((0..108_000).map(|k| (f64::from(k) / 30.0, f64::from(k).sin())).collect());
+            let curve = &mut hour.panels[0].curves[0];
+            curve.role = role;
+            curve.half_width = if role == Role::Estimate { vec![0.1; 108_000] } else { vec![] };
+            *curve = curve.clone().thinned();
+            let bytes = draw(&hour).expect("a plot").len() + data(&hour).to_string().len();
+            assert!(bytes < 75_000, "{role:?}: {bytes}");
+        }
     }
 
     #[test]

@@ -53,12 +53,12 @@ impl Digits {
     }
 }
 
-/// A number to three digits, for sentences.
+/// A number to two digits, for sentences.
 pub(crate) fn short(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return value.to_string();
     }
-    let digits = (2 - value.abs().log10().floor() as i32).clamp(0, MOST_DECIMALS) as usize;
+    let digits = (1 - value.abs().log10().floor() as i32).clamp(0, MOST_DECIMALS) as usize;
     format!("{value:.digits$}")
 }
 
@@ -77,7 +77,7 @@ mod tests {
         assert_eq!(shown(-0.001, 0.3), "0.00 ± 0.30 s");
         assert_eq!(
             (short(0.4163), short(12.345), short(1234.5)),
-            ("0.416".into(), "12.3".into(), "1234".into())
+            ("0.42".into(), "12".into(), "1234".into())
         );
     }
 

@@ -27,7 +27,7 @@ pub(crate) fn figure_over(
     panels: Vec<Panel>,
 ) -> Result<Figure, ReportError> {
     let chart = Chart { axis, panels };
-    Ok(Figure { data: Some(data(&chart)), ..Figure::new(caption, draw(&chart)?) })
+    Ok(Figure::chart(caption, draw(&chart)?, data(&chart)))
 }
 
 fn seconds(t_ns: i64) -> f64 {

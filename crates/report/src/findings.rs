@@ -2,6 +2,7 @@
 
 use crate::output_error::disagreements;
 use crate::parameters::{lead, words};
+use mavsight_identify::Estimator;
 use mavsight_session::RunResults;
 use serde::Serialize;
 
@@ -39,14 +40,30 @@ pub enum Harm {
 pub(crate) fn of(results: &RunResults, notes: &[String]) -> Vec<Advice> {
     let faults = results.findings.iter().map(|f| advice_of(&f.note, Harm::Fault));
     let is_fault = |note: &&String| results.findings.iter().any(|f| f.note == **note);
-    let noted = notes.iter().filter(|note| !is_fault(note)).map(|note| advice_of(note, Harm::Imprecise));
+    // A note that begins so says what the flight did not give.
+    let harm = |note: &str| if note.starts_with("No ") { Harm::Missing } else { Harm::Imprecise };
+    let noted = notes.iter().filter(|note| !is_fault(note)).map(|note| advice_of(note, harm(note)));
     let mut all: Vec<Advice> = faults.chain(noted).flatten().collect();
     all.extend(unmeasured(results));
     all.extend(of_equations(results));
     all.extend(of_motion_fits(results));
     all.sort_by_key(|advice| advice.harm);
-    all.dedup_by(|a, b| a.what == b.what);
+    all.dedup_by(|a, b| a.what == b.what || takes_in(b, a));
     all
+}
+
+/// Whether one finding could take in the next, which says the same of another camera.
+fn takes_in(first: &mut Advice, next: &Advice) -> bool {
+    let (Some((names, own)), Some((name, of_other))) =
+        (first.what.split_once(": "), next.what.split_once(": "))
+    else {
+        return false;
+    };
+    let is_alike = own == of_other && first.remedy == next.remedy;
+    if is_alike {
+        first.what = format!("{names}, {name}: {own}");
+    }
+    is_alike
 }
 
 fn unmeasured(results: &RunResults) -> Option<Advice> {
@@ -67,16 +84,26 @@ fn of_equations(results: &RunResults) -> Vec<Advice> {
     let lead = lead(identification);
     let mut out: Vec<Advice> = Vec::new();
     // Names of the parameters that are not determined, the outputs that lack them, the remedy.
-    let mut lacking: Vec<(Vec<&str>, Vec<&str>, String)> = Vec::new();
+    let mut lacking: Vec<(Vec<String>, Vec<&str>, String)> = Vec::new();
     for fit in identification.fits.iter().filter(|f| Some(f.estimator) == lead) {
         let (what, remedy) = split(&fit.verdict);
+        let is_of_time = fit.estimator != Estimator::FrequencyDomain;
+        if fit.explains && is_of_time && fit.diagnostics.predicted_r2 <= 0.0 {
+            let output = &fit.output;
+            let what = format!(
+                "What the fit says of {output} does not hold on parts that least squares leaves out."
+            );
+            let remedy = format!("Use its mean alone, or fly a manoeuvre that moves {output} more.");
+            out.push(Advice { harm: Harm::Missing, what, remedy });
+        }
         let Some(remedy) = remedy else { continue };
         if !fit.explains {
             out.push(Advice { harm: Harm::Misleading, what, remedy });
             continue;
         }
-        let names: Vec<&str> =
-            fit.parameters.iter().filter(|p| !p.identifiable).map(|p| p.name.as_str()).collect();
+        let name = |name: &str| if name == "0" { "the constant".to_owned() } else { name.to_owned() };
+        let names: Vec<String> =
+            fit.parameters.iter().filter(|p| !p.identifiable).map(|p| name(&p.name)).collect();
         match lacking.iter_mut().find(|(own, _, r)| *own == names && *r == remedy) {
             Some((_, outputs, _)) => outputs.push(&fit.output),
             None => lacking.push((names, vec![&fit.output], remedy)),
@@ -87,7 +114,7 @@ fn of_equations(results: &RunResults) -> Vec<Advice> {
         let what = if names.is_empty() {
             format!("The terms of {outputs} trade against each other.")
         } else {
-            format!("The flight does not determine {} of {outputs}, but only their sum.", names.join(", "))
+            format!("The flight does not determine {} of {outputs} by themselves.", names.join(", "))
         };
         Advice { harm: Harm::Missing, what, remedy }
     }));
@@ -141,7 +168,7 @@ fn advice_of(text: &str, harm: Harm) -> Option<Advice> {
 }
 
 /// With these words a remedy begins.
-const IMPERATIVES: [&str; 42] = [
+const IMPERATIVES: [&str; 40] = [
     "Add",
     "Ask",
     "Calibrate",
@@ -159,7 +186,6 @@ const IMPERATIVES: [&str; 42] = [
     "Fly",
     "Focus",
     "Give",
-    "Light",
     "Look",
     "Lower",
     "Measure",
@@ -176,7 +202,6 @@ const IMPERATIVES: [&str; 42] = [
     "Run",
     "Set",
     "Shorten",
-    "State",
     "Switch",
     "Take",
     "To",
@@ -186,7 +211,7 @@ const IMPERATIVES: [&str; 42] = [
     "Write",
 ];
 
-/// What a text says, and the remedy at its end: the last sentences that tell to do something, or what behind a colon or
+/// What a text says, and the remedy at its end: the last sentences that ask to do something, or what behind a colon or
 /// a semicolon does.
 fn split(text: &str) -> (String, Option<String>) {
     let is_remedy = |part: &str| {
@@ -201,12 +226,21 @@ fn split(text: &str) -> (String, Option<String>) {
     let behind = [": ", "; "].iter().flat_map(|mark| text[last..].match_indices(mark));
     let behind = behind
         .map(|(at, mark)| (last + at, last + at + mark.len()))
-        .filter(|(_, at)| is_remedy(&text[*at..]));
+        .filter(|(_, at)| is_remedy(&text[*at..]) && is_outside_brackets(&text[..*at]));
     match (remedy, behind.min()) {
-        (Some(at), _) => (text[..*at].trim_end().to_owned(), Some(text[*at..].to_owned())),
-        (None, Some((end, at))) => (format!("{}.", &text[..end]), Some(sentence_case(&text[at..]))),
+        (Some(at), _) => (text[..*at].trim_end().to_owned(), Some(ended(&text[*at..]))),
+        (None, Some((end, at))) => (ended(&text[..end]), Some(ended(&sentence_case(&text[at..])))),
         (None, None) => (text.to_owned(), None),
     }
+}
+
+fn is_outside_brackets(before: &str) -> bool {
+    before.matches('(').count() == before.matches(')').count()
+}
+
+/// A sentence with its full stop.
+fn ended(text: &str) -> String {
+    if text.ends_with('.') { text.to_owned() } else { format!("{text}.") }
 }
 
 #[cfg(test)]
@@ -216,7 +250,7 @@ mod tests {
     use mavsight_pose::{PoseError, PoseSample};
 
     #[test]
-    fn a_remedy_is_told_from_what_was_found() {
+    fn a_remedy_is_split_from_what_was_found() {
         let of = |text: &str| {
             let (what, remedy) = split(text);
             (what, remedy.unwrap_or_default())
@@ -230,6 +264,20 @@ mod tests {
             ("It froze at 1.5 s. It is left out.".into(), "Check its cable. Look at T_u.".into())
         );
         assert_eq!(of("cam2 ends at 0.300 s.").1, "");
+        assert_eq!(of("Its clock is unknown (1 px/s would do; fly faster).").1, "");
+        assert_eq!(
+            of("No fit: nothing was excited; fly a manoeuvre"),
+            ("No fit: nothing was excited.".into(), "Fly a manoeuvre.".into())
+        );
+    }
+
+    #[test]
+    fn what_two_cameras_have_in_common_is_one_finding() {
+        let note = |camera: &str, ball: &str| format!("{camera}: {ball} is overexposed: close the iris.");
+        let all =
+            of(&RunResults::default(), &[note("cam1", "red"), note("cam2", "red"), note("cam2", "blue")]);
+        let what: Vec<&str> = all.iter().map(|a| a.what.as_str()).collect();
+        assert_eq!(what, ["cam1, cam2: red is overexposed.", "cam2: blue is overexposed."]);
     }
 
     #[test]

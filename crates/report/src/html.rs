@@ -68,6 +68,10 @@ pub struct Figure {
     pub caption: String,
     /// SVG or `<img>` markup, made by this crate.
     pub markup: String,
+    /// Its name in the page, by which others may show the same.
+    pub id: Option<String>,
+    /// The figure that this one shows again.
+    pub same_as: Option<String>,
     /// The numbers of a chart, with which the page's script draws it so that it can be zoomed and read out.
     pub data: Option<serde_json::Value>,
 }
@@ -80,7 +84,30 @@ impl Figure {
         let markup = markup
             .replacen("<svg role=\"img\"", &format!("<svg role=\"img\" aria-label=\"{label}\""), 1)
             .replacen("<img alt=\"\"", &format!("<img alt=\"{label}\""), 1);
-        Self { caption, markup, data: None }
+        Self { caption, markup, ..Self::default() }
+    }
+
+    /// A chart, which has its number as a name.
+    pub(crate) fn chart(caption: &str, markup: String, data: serde_json::Value) -> Self {
+        let own = Self::new(caption, markup);
+        let number = caption.strip_prefix("Figure ").and_then(|rest| rest.split_once(':'));
+        let Some(id) = number.map(|(number, _)| format!("figure-{number}")) else {
+            return Self { data: Some(data), ..own };
+        };
+        let markup = own.markup.replacen("<svg", &format!("<svg id=\"{id}\""), 1);
+        Self { markup, id: Some(id), data: Some(data), ..own }
+    }
+
+    /// The same figure at another place under another caption; the page holds it once.
+    pub(crate) fn again(&self, caption: &str) -> Self {
+        let Some(id) = &self.id else { return Self { caption: caption.to_owned(), ..self.clone() } };
+        let view = self.markup.split_once("viewBox=\"").and_then(|(_, rest)| rest.split_once('"'));
+        let label = symbols::escaped(caption);
+        let markup = format!(
+            "<svg role=\"img\" aria-label=\"{label}\" viewBox=\"{}\"><use href=\"#{id}\"/></svg>",
+            view.map_or("", |(view, _)| view)
+        );
+        Self { caption: caption.to_owned(), markup, same_as: Some(id.clone()), ..Self::default() }
     }
 }
 
@@ -157,6 +184,7 @@ pub fn render(report: &Report) -> Result<String, ReportError> {
     environment.add_template("report", include_str!("page/report.html"))?;
     let parts = context! {
         r => Value::from(Serde(report)),
+        licence => Value::from_safe_string(include_str!("uplot/LICENSE").to_owned()),
         style => Value::from_safe_string(concat!(include_str!("uplot/uPlot.min.css"), include_str!("page/report.css")).to_owned()),
         script => Value::from_safe_string(concat!(include_str!("uplot/uPlot.iife.min.js"), "\n", include_str!("page/report.js")).to_owned()),
     };

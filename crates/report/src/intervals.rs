@@ -242,3 +242,45 @@ fn mark(k: usize, x: f64, y: f64) -> String {
     let corners: Vec<String> = corners.iter().map(|(dx, dy)| at(*dx, *dy)).collect();
     format!("<path class=\"mark{k}\" d=\"M{}Z\"/>", corners.join("L"))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn estimate(value: f64, std: f64, is_determined: bool) -> Estimate {
+        Estimate { value, std, interval: (value - 2.0 * std, value + 2.0 * std), is_determined }
+    }
+
+    fn all(by: Vec<(usize, Estimate)>) -> Estimates {
+        let parameter = Parameter { name: "C_m,q".into(), unit: "s".into(), is_derived: false, by };
+        let estimators = MOTION_FITS.iter().map(|name| (*name).to_owned()).collect();
+        Estimates { estimators, parameters: vec![parameter] }
+    }
+
+    #[test]
+    fn the_first_estimate_that_is_determined_is_shown_and_all_are_drawn() {
+        let by = vec![
+            (0, estimate(-1.0, 5.0, false)),
+            (1, estimate(-2.0, 0.25, true)),
+            (2, estimate(90.0, 0.5, true)),
+        ];
+        let shown = all(by);
+        let table = shown.table(&Vehicle::paper()).expect("a table");
+        let row = &table.rows[0];
+        assert_eq!((row.value.as_str(), row.interval.as_str()), ("−2.00 ± 0.25", "−2.50 to −1.50"));
+        assert_eq!((row.unit.as_str(), row.verdict.as_str()), ("s", "by output error from the poses"));
+        assert!(row.text.contains("pitch moment per pitch rate"), "{}", row.text);
+        let lines = row.markup.matches("<g class=\"by").count();
+        // The value of the last lies beyond what is drawn.
+        assert_eq!((lines, row.markup.matches("mark").count()), (3, 2), "{}", row.markup);
+        assert_eq!(shown.determined(), (1, 1));
+    }
+
+    #[test]
+    fn what_is_not_determined_says_so() {
+        let weak = all(vec![(0, estimate(1.0, 5.0, false))]);
+        assert_eq!(weak.determined(), (0, 1));
+        assert_eq!(weak.lines(), [("C_m,q".to_owned(), "1.0 ± 5.0 s".to_owned(), "hardly determined")]);
+        assert!(Estimates { estimators: vec![], parameters: vec![] }.table(&Vehicle::paper()).is_none());
+    }
+}

@@ -256,3 +256,51 @@ fn jpeg(rgb: Vec<u8>, width: u32, height: u32, most: u32) -> Result<String, Repo
         .map_err(|_| ReportError::Picture)?;
     Ok(format!("data:image/jpeg;base64,{}", base64::engine::general_purpose::STANDARD.encode(bytes)))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn between_two_instants_a_ball_is_on_the_line_and_far_from_them_nowhere() {
+        let seen = |t_ms: i64, u: f64| MarkerObservation {
+            t_ns: t_ms * 1_000_000,
+            camera: 0,
+            marker: 0,
+            pixel: Vector2::new(u, 10.0),
+            covariance_px2: mavsight_geometry::Matrix2::identity(),
+        };
+        let all = [seen(0, 100.0), seen(30, 130.0), seen(60, 190.0)];
+        let at = |t_ms: i64| detection_at(all.iter(), t_ms * 1_000_000).map(|p| p.x);
+        assert_eq!((at(30), at(40), at(61)), (Some(130.0), Some(150.0), Some(190.0)));
+        assert_eq!(at(500), None);
+    }
+
+    #[test]
+    fn the_part_of_a_frame_is_a_square_within_it() {
+        let size = ImageSize { width_px: 64, height_px: 48 };
+        let found =
+            |x: f64, y: f64| Found { detected: vec![Vector2::new(x, y)], predicted: vec![], axes: None };
+        for (x, y) in [(0.0, 0.0), (63.0, 47.0), (-500.0, 20.0), (30.0, 20.0)] {
+            let Part { left, top, width } = found(x, y).part(size);
+            assert!(left >= 0.0 && top >= 0.0 && width >= 1.0, "{left} {top} {width}");
+            assert!(left + width <= 64.0 && top + width <= 48.0, "{left} {top} {width}");
+        }
+        let wide = Found {
+            detected: vec![Vector2::zeros(), Vector2::new(60.0, 0.0)],
+            predicted: vec![],
+            axes: None,
+        };
+        assert_eq!(wide.part(size).width, 48.0);
+    }
+
+    #[test]
+    fn a_large_picture_is_made_smaller_and_one_of_other_pixels_refused() {
+        let address = jpeg(vec![90; 3 * 40 * 20], 40, 20, 10).expect("a picture");
+        let bytes = address.strip_prefix("data:image/jpeg;base64,").expect("its address");
+        let bytes = base64::engine::general_purpose::STANDARD.decode(bytes).expect("its bytes");
+        let image = image::load_from_memory(&bytes).expect("a picture");
+        assert_eq!((image.width(), image.height()), (10, 5));
+        assert!(matches!(jpeg(vec![0; 5], 2, 2, 10), Err(ReportError::Picture)));
+    }
+}

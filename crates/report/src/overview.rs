@@ -27,15 +27,21 @@ fn flown(vehicle: &Vehicle, results: &RunResults) -> String {
         count => format!(" before {count} cameras"),
     };
     format!(
-        "{} flew for {span_s:.1} s{by}; {measured} of {} instants have a pose.",
+        "{}: {span_s:.1} s of flight{by}; {measured} of {} instants have a pose.",
         sentence_case(&vehicle.name),
         results.poses.len()
     )
 }
 
+/// The note that says what there is not, and why.
+fn refusal(results: &RunResults, words: &str) -> Option<String> {
+    let note = results.notes.iter().find(|note| note.starts_with(words))?;
+    Some(format!("{}.", note.trim_end_matches('.')))
+}
+
 fn motion(results: &RunResults, summary: &Summary) -> Option<String> {
     if results.motion.is_none() {
-        return results.notes.iter().find(|note| note.starts_with("No motion")).cloned();
+        return refusal(results, "No motion");
     }
     let number = |section: &str, key: &str| summary.figure(section, key)?.value.as_f64().map(short);
     let (position, pitch) = (number("motion", "position_std_mm")?, number("motion", "theta_std_deg")?);
@@ -51,7 +57,7 @@ fn motion(results: &RunResults, summary: &Summary) -> Option<String> {
 fn parameters(results: &RunResults, summary: &Summary) -> Option<String> {
     let estimates = Estimates::of(results);
     let Some(first) = estimates.first() else {
-        return results.notes.iter().find(|note| note.starts_with("No parameters")).cloned();
+        return refusal(results, "No parameters");
     };
     let (determined, all) = estimates.determined();
     let mut text = format!("The flight determines {determined} of {all} parameters ({first})");
@@ -76,9 +82,7 @@ pub(crate) fn pictures(
     motion: &[Figure],
     coefficients: &[Figure],
 ) -> Vec<Figure> {
-    let of = |figure: Option<&Figure>, caption: &str| {
-        figure.map(|figure| Figure { caption: caption.to_owned(), ..figure.clone() })
-    };
+    let of = |figure: Option<&Figure>, caption: &str| figure.map(|figure| figure.again(caption));
     let fourth = of(coefficients.first(), "Coefficients from the motion, and as fitted")
         .or_else(|| of(motion.get(2), "Velocity in body axes with 95 % bands"));
     let path = results.motion.as_ref().and_then(space::path);
@@ -97,6 +101,6 @@ fn overlay(overlays: &[Overlay]) -> Option<Figure> {
     (!best.is_empty()).then(|| Figure {
         caption,
         markup: format!("<div class=\"pair\">{markup}</div>"),
-        data: None,
+        ..Figure::default()
     })
 }

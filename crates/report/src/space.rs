@@ -10,8 +10,8 @@ const HEIGHT: f64 = 560.0;
 /// Of the view before anybody turns it: from where the first half of a right angle lies behind the viewer.
 const AZIMUTH_RAD: f64 = -0.6;
 const ELEVATION_RAD: f64 = 0.45;
-/// Half the diagonal of the box on the page.
-const REACH_PX: f64 = 265.0;
+/// Room for words between the box and the edge of the drawing.
+const MARGIN_PX: f64 = 44.0;
 /// Points of the path that are drawn, and places at which the aircraft is drawn.
 const MOST_POINTS: usize = 700;
 const AIRCRAFT: usize = 14;
@@ -48,11 +48,9 @@ pub(crate) fn path(motion: &Motion) -> Option<Figure> {
     svg += &room.line("path", &lines);
     svg += &room.line("craft", &aircraft(motion, SPAN * room.reach()));
     let last = all[all.len() - 1];
-    svg += &room.dot("start", &all[0]);
-    svg += &room.dot("end", &last);
-    svg += &room.text("start", &all[0]);
-    svg += &room.text("end", &last);
     svg += &room.scales();
+    svg += &(room.dot("start", &all[0]) + &room.dot("end", &last));
+    svg += &(room.text("start", &all[0]) + &room.text("end", &last)).replace("<text", "<text dy=\"-14\"");
     let size = room.high - room.low;
     let label = format!(
         "Path in space, {} by {} by {} m: turn it with the mouse, a finger or the arrow keys",
@@ -60,14 +58,10 @@ pub(crate) fn path(motion: &Motion) -> Option<Figure> {
         short(size.y),
         short(size.z)
     );
-    let middle = room.middle();
+    let corners = [room.low, room.high].map(|p| format!("{:.5} {:.5} {:.5}", p.x, p.y, p.z)).join(" ");
     let markup = format!(
         "<svg role=\"application\" tabindex=\"0\" aria-label=\"{label}\" class=\"space\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" \
-         data-view=\"{:.5} {:.5} {:.5} {:.3} {AZIMUTH_RAD} {ELEVATION_RAD}\">{svg}</svg>",
-        middle.x,
-        middle.y,
-        middle.z,
-        REACH_PX / room.reach()
+         data-view=\"{corners} {MARGIN_PX} {AZIMUTH_RAD} {ELEVATION_RAD}\">{svg}</svg>"
     );
     Some(Figure {
         markup,
@@ -129,7 +123,7 @@ impl Room {
         let beyond = 0.12 * self.reach();
         let step = round_step((high - low).max());
         let decimals = if step < 0.1 { 2 } else { 1 };
-        let mut out = String::new();
+        let mut out = String::from("<g class=\"scale\">");
         for x in marks(low.x, high.x, step) {
             out += &self.text(&format!("{x:.decimals$}"), &Vector3::new(x, low.y - 0.5 * beyond, low.z));
         }
@@ -139,18 +133,29 @@ impl Room {
         for z in marks(low.z, high.z, step) {
             out += &self.text(&format!("{z:.decimals$}"), &Vector3::new(low.x, low.y, z));
         }
+        out += "</g>";
         out += &self.text("X", &Vector3::new(middle.x, low.y - 1.3 * beyond, low.z));
         out += &self.text("Y", &Vector3::new(high.x + 1.3 * beyond, middle.y, low.z));
         out + &self.text("Z", &Vector3::new(low.x, low.y, high.z + 0.4 * beyond))
     }
 
-    /// A point on the page; the script has the same lines.
+    /// A point on the page, with the box as large as it may be; the script has the same lines.
     fn pixel(&self, p: &Vector3<f64>) -> [f64; 2] {
-        let v = (p - self.middle()) * (REACH_PX / self.reach());
-        let (sin_a, cos_a) = AZIMUTH_RAD.sin_cos();
-        let (sin_e, cos_e) = ELEVATION_RAD.sin_cos();
-        let (across, away) = (v.x * cos_a + v.y * sin_a, v.y * cos_a - v.x * sin_a);
-        [0.5 * WIDTH + across, 0.5 * HEIGHT - v.z * cos_e - away * sin_e]
+        let corner =
+            |k: usize, axis: usize| if k >> axis & 1 == 1 { self.high[axis] } else { self.low[axis] };
+        let corners = (0..8).map(|k| self.turned(&Vector3::new(corner(k, 0), corner(k, 1), corner(k, 2))));
+        let [across, up] =
+            corners.fold([1e-9_f64; 2], |[x, y], [across, up]| [x.max(across.abs()), y.max(up.abs())]);
+        let scale = ((0.5 * WIDTH - MARGIN_PX) / across).min((0.5 * HEIGHT - MARGIN_PX) / up);
+        let [x, y] = self.turned(p);
+        [0.5 * WIDTH + scale * x, 0.5 * HEIGHT - scale * y]
+    }
+
+    /// A point from the middle of the box across the page and up.
+    fn turned(&self, p: &Vector3<f64>) -> [f64; 2] {
+        let v = p - self.middle();
+        let ((sin_a, cos_a), (sin_e, cos_e)) = (AZIMUTH_RAD.sin_cos(), ELEVATION_RAD.sin_cos());
+        [v.x * cos_a + v.y * sin_a, v.z * cos_e + (v.y * cos_a - v.x * sin_a) * sin_e]
     }
 
     fn line(&self, class: &str, lines: &[Line]) -> String {
@@ -170,7 +175,7 @@ impl Room {
     fn dot(&self, class: &str, p: &Vector3<f64>) -> String {
         let [x, y] = self.pixel(p);
         let data = format!("{:.4} {:.4} {:.4}", p.x, p.y, p.z);
-        format!("<circle class=\"{class}\" r=\"7\" data-p=\"{data}\" cx=\"{x:.1}\" cy=\"{y:.1}\"/>")
+        format!("<circle class=\"{class}\" r=\"5\" data-p=\"{data}\" cx=\"{x:.1}\" cy=\"{y:.1}\"/>")
     }
 
     fn text(&self, text: &str, p: &Vector3<f64>) -> String {
@@ -191,4 +196,52 @@ fn round_step(length: f64) -> f64 {
 fn marks(low: f64, high: f64, step: f64) -> impl Iterator<Item = f64> {
     let first = (low / step).ceil() as i64;
     (first..).map(move |k| k as f64 * step).take_while(move |value| *value <= high).take(20)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mavsight_geometry::{Isometry3, UnitQuaternion};
+    use mavsight_pose::{Doubts, MotionCovariance, MotionSample};
+
+    fn motion(times_ms: &[i64]) -> Motion {
+        let sample = |t_ms: &i64| MotionSample {
+            t_ns: t_ms * 1_000_000,
+            world_from_body: Isometry3::from_parts(
+                Vector3::new(*t_ms as f64 * 1e-3, 0.0, 1.5).into(),
+                UnitQuaternion::identity(),
+            ),
+            velocity_in_body_m_s: Vector3::x(),
+            rates_rad_s: Vector3::zeros(),
+            specific_force_m_s2: Vector3::zeros(),
+            angular_acceleration_rad_s2: Vector3::zeros(),
+            covariance: MotionCovariance::default(),
+        };
+        Motion {
+            samples: times_ms.iter().map(sample).collect(),
+            unknown_ns: vec![],
+            doubts: Doubts::default(),
+            translation_bandwidth_hz: 10.0,
+            rotation_bandwidth_hz: 10.0,
+            sample_interval_s: 0.03,
+        }
+    }
+
+    #[test]
+    fn all_is_within_the_drawing_and_a_gap_breaks_the_path() {
+        let svg = path(&motion(&[0, 30, 60, 900, 930, 960])).expect("a path").markup;
+        let line = svg.split("class=\"path\"").nth(1).expect("the path");
+        let d = line.split(" d=\"").nth(1).and_then(|d| d.split('"').next()).expect("its places");
+        assert_eq!((d.matches('M').count(), d.matches('L').count()), (2, 4), "{d}");
+        let numbers: Vec<f64> = d.split(['M', 'L', ' ']).filter_map(|n| n.parse().ok()).collect();
+        let is_inside = |xy: &[f64]| (0.0..WIDTH).contains(&xy[0]) && (0.0..HEIGHT).contains(&xy[1]);
+        assert!(numbers.len() == 12 && numbers.chunks(2).all(is_inside), "{numbers:?}");
+        assert!(svg.contains(">start<") && svg.contains(">end<") && !svg.contains("NaN"));
+    }
+
+    #[test]
+    fn a_flight_at_one_place_is_drawn_and_none_is_not() {
+        assert!(!path(&motion(&[0])).expect("a place").markup.contains("NaN"));
+        assert!(path(&motion(&[])).is_none());
+    }
 }

@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_symbol_stays_as_it_is() {
+    fn what_is_no_symbol_is_left_as_it_is() {
         for text in [
             "frame_00003.png",
             "time_offset_s",

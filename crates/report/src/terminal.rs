@@ -12,6 +12,7 @@ const COLUMNS: usize = 100;
 const LINES: usize = 22;
 /// Lines that a finding may take.
 const LINES_OF_FINDING: usize = 2;
+const INDENT: &str = "     ";
 
 /// What flew, how good it is, the parameters and what to mend, in at most 22 lines of 100 columns.
 pub fn brief(vehicle: &Vehicle, results: &RunResults, summary: &Summary) -> String {
@@ -20,7 +21,14 @@ pub fn brief(vehicle: &Vehicle, results: &RunResults, summary: &Summary) -> Stri
     let advice = summary.advice.iter().take(MOST).enumerate();
     let advice: Vec<String> = advice
         .flat_map(|(k, a)| {
-            let text = wrapped(&format!("{} {}", a.what, a.remedy), "     ", LINES_OF_FINDING);
+            // The remedy is read whole: what was found gives way.
+            let room = (LINES_OF_FINDING * (COLUMNS - 6 - INDENT.len()))
+                .saturating_sub(a.remedy.chars().count() + 1);
+            let text = wrapped(
+                &format!("{} {}", clipped(&a.what, room.max(40)), a.remedy),
+                INDENT,
+                LINES_OF_FINDING,
+            );
             text.into_iter().enumerate().map(move |(line, text)| match line {
                 0 => format!("  {}. {}", k + 1, text.trim_start()),
                 _ => text,
@@ -89,7 +97,7 @@ fn clipped(text: &str, most: usize) -> String {
     if text.chars().count() <= most {
         return text.to_owned();
     }
-    text.chars().take(most - 1).collect::<String>() + "…"
+    text.chars().take(most.saturating_sub(1)).collect::<String>().trim_end().to_owned() + "…"
 }
 
 #[cfg(test)]

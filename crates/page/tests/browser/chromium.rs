@@ -99,7 +99,7 @@ impl Chromium {
     pub(crate) fn open(&mut self, url: &str) {
         let answer = self.call("Page.navigate", json!({ "url": url }));
         assert!(answer["errorText"].is_null(), "{url}: {answer}");
-        self.wait_for("document.readyState === 'complete' && location.protocol === 'http:'");
+        self.wait_for("document.readyState === 'complete' && location.protocol !== 'about:'");
     }
 
     /// The value of an expression in the page.
