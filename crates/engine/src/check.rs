@@ -12,13 +12,14 @@ mod smear;
 mod trials;
 
 pub use control::ControlBall;
+pub(crate) use film::coded as coded_light;
 pub use film::{Shot, Spot};
 pub use items::{CheckItem, Harm};
 pub use smear::Exposure;
 
 use crate::calibration::{rig_of, sizes_of};
 use crate::{EngineError, camera_feeds};
-use film::{Film, Seen, Tap};
+use film::{Film, Seen, Tap, first_part};
 use mavsight_flight::Vehicle;
 use mavsight_geometry::ImageSize;
 use mavsight_pipeline::{CameraFeed, Progress, Tracked};
@@ -39,6 +40,8 @@ pub struct CameraCheck {
     pub shots: Vec<Shot>,
     /// Frames looked at.
     pub frames: usize,
+    /// Frames that the recording announces.
+    pub announced: Option<usize>,
     /// Frames a second, by the median interval of the time stamps.
     pub rate_hz: f64,
     /// The longest interval between two frames over the median one.
@@ -101,7 +104,10 @@ fn camera(name: &str) -> CameraCheck {
 fn look_into(session: &Session, progress: &dyn Progress, out: &mut SessionCheck) {
     for (k, own) in session.cameras().iter().enumerate() {
         match session.open_camera(k) {
-            Ok(source) => out.cameras[k].size = Some(source.size()),
+            Ok(source) => {
+                (out.cameras[k].size, out.cameras[k].announced) =
+                    (Some(source.size()), source.declared_frames());
+            }
             Err(error) => out.items.push(items::of_file(&own.name, k, &error)),
         }
         if let Some(still) = &own.still
@@ -146,7 +152,9 @@ fn filmed(
 ) -> Result<Film, EngineError> {
     let taps: Vec<Tap> = rig.cameras.iter().map(|_| Tap::default()).collect();
     let feeds = camera_feeds(session)?.into_iter().zip(&taps).enumerate();
-    let feeds = feeds.map(|(k, (feed, tap))| tap.into_feed(through(k, feed))).collect();
+    let feeds = feeds
+        .map(|(k, (feed, tap))| tap.into_feed(through(k, first_part(feed, rig.cameras[k].camera.size))))
+        .collect();
     let mut seen = Vec::new();
     let tracked = mavsight_pipeline::track_with(feeds, rig, vehicle, progress, |instant| {
         let marker = |index: usize| {
@@ -180,6 +188,14 @@ fn of_film(session: &Session, rig: &Rig, film: &Film, progress: &dyn Progress, o
     out.items.extend(trials::dark_cameras(session, rig, film, progress));
     out.items.extend(smear::items(&out.cameras));
     out.items.extend(markers::never_seen(session, rig, film, progress));
+    for camera in &out.cameras {
+        if let Some(announced) = camera.announced.filter(|n| *n > camera.frames && camera.rate_hz > 0.0) {
+            let s = |frames: usize| frames as f64 / camera.rate_hz;
+            let (looked_s, all_s) = (s(camera.frames), s(announced));
+            let text = format!("{}: the first {looked_s:.1} s of {all_s:.1} s were looked at.", camera.name);
+            out.items.push(CheckItem { harm: Harm::Remark, ..CheckItem::of_note(text) });
+        }
+    }
     let remark = |note: &String| CheckItem { harm: Harm::Remark, ..CheckItem::of_note(note.clone()) };
     out.items.extend(tracked.notes.iter().map(remark));
     if out.instants.0 == 0 && out.is_ready() {

@@ -7,6 +7,7 @@
 
 mod calibration;
 mod check;
+mod colors;
 mod error;
 mod frames;
 mod identification;
@@ -19,6 +20,7 @@ mod weight;
 
 pub use calibration::calibrate;
 pub use check::{CameraCheck, CheckItem, ControlBall, Exposure, Harm, SessionCheck, Shot, Spot, check};
+pub use colors::colors_in_pictures;
 pub use error::EngineError;
 pub use frames::{camera_feeds, first_frames};
 pub use identification::{identify_from_motion, identify_from_poses};

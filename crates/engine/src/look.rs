@@ -3,6 +3,7 @@
 use mavsight_geometry::ImageSize;
 use mavsight_pipeline::{picture_edge_px, usual_interval_ns};
 use mavsight_session::{FrameSource, SessionError};
+use mavsight_vision::Frame;
 use std::path::Path;
 
 /// Frames that are looked at: enough for a median interval, few enough to be decoded at once.
@@ -13,6 +14,8 @@ const LOOKED_AT: usize = 9;
 pub struct FilmLook {
     /// Size of its frames, the right way up.
     pub size: ImageSize,
+    /// The first frame.
+    pub first: Frame,
     /// Frames that it announces.
     pub frames: Option<usize>,
     /// Frames a second by the time stamps of the first ones; none of a single frame.
@@ -31,14 +34,11 @@ pub fn look_at(path: &Path) -> Result<FilmLook, SessionError> {
     let mut source = FrameSource::open(path, None)?;
     let (size, frames) = (source.size(), source.declared_frames());
     let mut times_ns = Vec::new();
-    let (mut edge_px, mut brightness) = (None, 0.0);
+    let mut first = None;
     for item in source.by_ref().take(LOOKED_AT) {
         match item {
             Ok((t_ns, frame)) => {
-                if times_ns.is_empty() {
-                    edge_px = picture_edge_px(&frame);
-                    brightness = mean_code(&frame.to_rgb());
-                }
+                first.get_or_insert(frame);
                 times_ns.push(t_ns);
             }
             Err(error) if times_ns.is_empty() => return Err(error),
@@ -46,7 +46,9 @@ pub fn look_at(path: &Path) -> Result<FilmLook, SessionError> {
         }
     }
     let rate_hz = usual_interval_ns(times_ns).filter(|step| *step > 0).map(|step| 1e9 / step as f64);
-    Ok(FilmLook { size, frames, rate_hz, edge_px, brightness })
+    let first = first.ok_or_else(|| SessionError::NoFrames(path.to_owned()))?;
+    let (edge_px, brightness) = (picture_edge_px(&first), mean_code(&first.to_rgb()));
+    Ok(FilmLook { size, first, frames, rate_hz, edge_px, brightness })
 }
 
 fn mean_code(rgb: &[u8]) -> f64 {

@@ -2,6 +2,7 @@
 
 mod campaign;
 mod check;
+mod check_page;
 mod convert;
 mod convert_formats;
 mod demo;

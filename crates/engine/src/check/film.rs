@@ -1,7 +1,7 @@
 //! Some frames of each camera, and what was seen in them.
 
 use mavsight_flight::Vehicle;
-use mavsight_geometry::Vector2;
+use mavsight_geometry::{ImageSize, Vector2};
 use mavsight_pipeline::{CameraFeed, TimedFrame, Tracked, usual_interval_ns};
 use mavsight_pose::{Rig, TrackedDetection};
 use mavsight_vision::Frame;
@@ -11,6 +11,17 @@ use std::sync::{Arc, Mutex, PoisonError};
 const SHOTS: usize = 12;
 /// Of each of these, the next one is kept too where smear is measured: more frames, smaller errors.
 const KEPT: usize = 4 * SHOTS;
+
+/// Pixels of a camera that are looked at, from the film's beginning: what two cores decode and track in about fifteen
+/// seconds, of both cameras of a pair. These are 216 s of 640×480 at 30 frames/s, and 8 s of 3840×2160.
+const MOST_PX: usize = 2_000_000_000;
+
+/// The first part of a film that is long.
+pub(super) fn first_part(feed: CameraFeed<'static>, size: ImageSize) -> CameraFeed<'static> {
+    let most = MOST_PX / size.area_px().max(1);
+    let announced = feed.announced.map(|n| n.min(most));
+    CameraFeed { announced, frames: Box::new(feed.frames.take(most)), ..feed }
+}
 
 /// A frame with what was detected where and as what.
 #[derive(Debug, Clone)]
@@ -175,7 +186,7 @@ pub(super) fn linear(code: u8) -> f64 {
 }
 
 /// sRGB code of linear light.
-pub(super) fn coded(light: f64) -> u8 {
+pub(crate) fn coded(light: f64) -> u8 {
     let s = if light <= 0.003_130_8 { 12.92 * light } else { 1.055 * light.max(0.0).powf(1.0 / 2.4) - 0.055 };
     (255.0 * s).round().clamp(0.0, 255.0) as u8
 }
@@ -204,4 +215,9 @@ pub(super) fn ring_light(frame: &Frame, at: Vector2<f64>, from_px: f64, to_px: f
 pub(super) fn disc_rgb(frame: &Frame, at: Vector2<f64>, diameter_px: f64) -> [u8; 3] {
     let inside_px = (0.5 * diameter_px - 1.0).max(1.0);
     ring_light(frame, at, 0.0, inside_px).map_or([0; 3], |light| light.map(coded))
+}
+
+/// Linear light in the plane perpendicular to grey.
+pub(super) fn hue([r, g, b]: [f64; 3]) -> Vector2<f64> {
+    Vector2::new(r - 0.5 * (g + b), 0.75_f64.sqrt() * (g - b))
 }

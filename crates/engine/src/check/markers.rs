@@ -1,6 +1,6 @@
 //! Markers that no camera has seen: of another colour than the file says, or not there.
 
-use super::film::{Film, coded, ring_light};
+use super::film::{Film, coded, hue, ring_light};
 use super::{CheckItem, filmed};
 use mavsight_flight::{Color, Vehicle};
 use mavsight_geometry::Vector2;
@@ -60,18 +60,39 @@ fn explained(
             }
         }
     }
-    let text = format!(
-        "{name} is not there: in {looks} pictures its place by the other balls has the colour of what is around it. Mount it, or take it \
-         out of the vehicle file."
-    );
-    Some(if is_sure {
+    let elsewhere = moving_share(film, &session.vehicle, marker);
+    if elsewhere > NEVER {
         let text = format!(
-            "{name} is never seen, and by the colour where the other balls have it neither: check its place and its colour in the vehicle file."
+            "{name} is not where the other balls have it, but a ball of its colour moves elsewhere in {:.0} % of the frames: correct its \
+             position in the vehicle file.",
+            100.0 * elsewhere
         );
-        CheckItem::of_note(text)
-    } else {
-        CheckItem::of_cause(Cause::MarkerMissing, None, text)
-    })
+        return Some(CheckItem::of_note(text));
+    }
+    let text = format!(
+        "{name} is not there: no ball of its colour moves in any camera, and in {looks} pictures its place by the other balls shows none of \
+         another colour either. Mount it, or take it out of the vehicle file."
+    );
+    Some(CheckItem::of_cause(Cause::MarkerMissing, None, text))
+}
+
+/// Largest share of a camera's frames in which something of a marker's colour moves that is no marker.
+fn moving_share(film: &Film, vehicle: &Vehicle, marker: usize) -> f64 {
+    let mut colors: Vec<Color> = Vec::new();
+    for own in &vehicle.marker[..=marker] {
+        if !colors.contains(&own.color) {
+            colors.push(own.color);
+        }
+    }
+    let own = colors.iter().position(|c| *c == vehicle.marker[marker].color);
+    let share = |(camera, tap): (usize, &super::film::Taken)| {
+        let is_other = |s: &&super::film::Seen| {
+            let d = &s.detection;
+            d.camera == camera && Some(d.color) == own && !d.is_static && s.marker.is_none()
+        };
+        film.seen.iter().filter(is_other).count() as f64 / tap.stamps_ns.len().max(1) as f64
+    };
+    film.taps.iter().enumerate().map(share).fold(0.0, f64::max)
 }
 
 /// Mean linear light where the poses have a marker, whether it differs from that around it, and in how many pictures
@@ -104,15 +125,10 @@ fn colour_there(rig: &Rig, film: &Film, vehicle: &Vehicle, marker: usize) -> Opt
         all.sort_by(f64::total_cmp);
         all[all.len() / 2]
     };
-    // A ball is seen before many backgrounds: its own colour stays.
+    // A ball is seen before many backgrounds: its own colour is the same.
     let is_sure = mean.norm() > SURE * (var / count).sqrt() && mean.norm() > LEAST_CHROMA;
     Some(([median(0), median(1), median(2)], is_sure, differences.len()))
 }
 
 /// Chroma that stands out of the noise, as the detection has it.
 const LEAST_CHROMA: f64 = 0.02;
-
-/// Linear light in the plane perpendicular to grey.
-fn hue([r, g, b]: [f64; 3]) -> Vector2<f64> {
-    Vector2::new(r - 0.5 * (g + b), 0.75_f64.sqrt() * (g - b))
-}

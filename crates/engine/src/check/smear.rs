@@ -4,9 +4,9 @@
 //! the one across as it was: lens, pixel and encoder widen both alike. The slope of the difference by the square of the
 //! speed is the square of the time of exposure.
 
-use super::film::{Film, linear, ring_light};
+use super::film::{Film, hue, linear, ring_light};
 use super::{CameraCheck, CheckItem};
-use mavsight_geometry::Vector2;
+use mavsight_geometry::{Matrix2, Vector2};
 use mavsight_pipeline::Cause;
 use mavsight_pose::MarkerObservation;
 use mavsight_vision::Frame;
@@ -16,7 +16,9 @@ use mavsight_vision::Frame;
 const SMEARED_PX: f64 = 1.5;
 /// Balls in motion from which the slope is taken.
 const LEAST: usize = 12;
-/// Share of the balls that are quicker than the speed at which the smear is told: the quick parts are those that count.
+/// Rim of a ball's image that lens, pixel and encoder blur.
+const RIM_PX: f64 = 2.5;
+/// Share of the balls that are quicker than the speed for which the smear is given: the quick parts are those that count.
 const QUICK: f64 = 0.1;
 /// Standard deviations by which the time of exposure must exceed what is harmless: once in a thousand by chance.
 const SURE: f64 = 3.0;
@@ -65,46 +67,73 @@ pub(super) fn exposure(camera: usize, film: &Film) -> Option<Exposure> {
             let velocity_px_s = (to - from) / step_s;
             let diameter_px = film.diameter_near(camera, own.pixel, times_ns[at]);
             speeds.push(velocity_px_s.norm());
-            let stretched = diameter_px.and_then(|d| stretch_px2(frame, own.pixel, d, velocity_px_s));
+            // No shutter is open for longer than a frame lasts.
+            let longest_px = 0.5 * step_s * velocity_px_s.norm();
+            let stretched =
+                diameter_px.and_then(|d| stretch_px2(frame, own.pixel, [d, longest_px], velocity_px_s));
             pairs.extend(stretched.map(|moment| (velocity_px_s.norm_squared() / 12.0, moment)));
         }
     }
-    slope(&pairs, speeds)
+    slope(&pairs, speeds, 2e-9 * half_ns as f64)
 }
 
-/// The line through the origin: the square of the time of exposure, with the scatter about it as its error.
-fn slope(pairs: &[(f64, f64)], mut speeds: Vec<f64>) -> Option<Exposure> {
+/// The square of the time of exposure: the slope of moments by the squares of speed, through what a ball at rest has by
+/// its shading; robust, as a background of the ball's colour spoils single moments (Huber 1981, section 7.8). None where
+/// it is longer than a frame lasts: then something else stretches the balls.
+fn slope(pairs: &[(f64, f64)], mut speeds: Vec<f64>, step_s: f64) -> Option<Exposure> {
     if pairs.len() < LEAST {
         return None;
     }
-    let squares: f64 = pairs.iter().map(|(x, _)| x * x).sum();
-    let exposure_s2 = pairs.iter().map(|(x, y)| x * y).sum::<f64>() / squares;
-    let scatter: f64 = pairs.iter().map(|(x, y)| (y - exposure_s2 * x).powi(2)).sum::<f64>();
-    let var_s4 = scatter / (pairs.len() - 1) as f64 / squares;
-    let exposure_s = exposure_s2.max(0.0).sqrt();
+    let (mut line, mut normal, mut scale) = (Vector2::zeros(), Matrix2::zeros(), f64::INFINITY);
+    for _ in 0..ROUNDS {
+        let mut right = Vector2::zeros();
+        normal = Matrix2::zeros();
+        for (x, y) in pairs {
+            let row = Vector2::new(1.0, *x);
+            let weight = (HUBER * scale / (y - row.dot(&line)).abs()).min(1.0);
+            normal += row * row.transpose() * weight;
+            right += row * (weight * y);
+        }
+        line = normal.try_inverse()? * right;
+        let mut away: Vec<f64> = pairs.iter().map(|(x, y)| (y - line.x - line.y * x).abs()).collect();
+        away.sort_by(f64::total_cmp);
+        scale = (MAD_TO_STD * away[away.len() / 2]).max(f64::MIN_POSITIVE);
+    }
+    let std_s2 = scale * normal.try_inverse()?[(1, 1)].max(0.0).sqrt();
+    let exposure_s = line.y.max(0.0).sqrt();
     // Of a square near zero the root's error is the root of the error.
-    let std_s = (0.5 * var_s4.sqrt() / exposure_s.max(f64::MIN_POSITIVE)).min(var_s4.powf(0.25));
+    let std_s = (0.5 * std_s2 / exposure_s.max(f64::MIN_POSITIVE)).min(std_s2.sqrt());
     speeds.sort_by(f64::total_cmp);
     let quick_px_s = *speeds.get(((1.0 - QUICK) * speeds.len() as f64) as usize)?;
-    (exposure_s.is_finite() && std_s.is_finite()).then_some(Exposure { exposure_s, std_s, quick_px_s })
+    let is_one = exposure_s - SURE * std_s <= step_s && std_s < step_s;
+    is_one.then_some(Exposure { exposure_s, std_s, quick_px_s })
 }
+
+/// Rounds of a robust fit: it converges to a per cent in a few.
+const ROUNDS: usize = 12;
+/// Standard deviations up to which a residual counts in full: 95 % efficient for normal errors (Huber 1981).
+const HUBER: f64 = 1.345;
+/// From the median of absolute deviations to a standard deviation, of normal errors.
+const MAD_TO_STD: f64 = 1.482_602;
 
 /// Second moment of a ball's colour along its motion less that across; none at an image's rim or without colour.
 fn stretch_px2(
     frame: &Frame,
     at: Vector2<f64>,
-    diameter_px: f64,
+    [diameter_px, longest_px]: [f64; 2],
     velocity_px_s: Vector2<f64>,
 ) -> Option<f64> {
     let along = velocity_px_s.try_normalize(1e-9)?;
-    let reach_px = 1.2 * diameter_px + 3.0;
+    let wide_px = 0.5 * diameter_px + RIM_PX;
+    let reach_px = wide_px + 0.5 * longest_px;
     if !frame.size.contains(&at, reach_px) {
         return None;
     }
     let around = ring_light(frame, at, reach_px, reach_px + 2.0)?;
     let ball = ring_light(frame, at, 0.0, (0.25 * diameter_px).max(1.0))?;
-    let contrast: [f64; 3] = std::array::from_fn(|k| ball[k] - around[k]);
-    let strength: f64 = contrast.iter().map(|c| c * c).sum();
+    // By hue alone: what is behind balls is mostly neutral.
+    let (ground, contrast) = (hue(around), hue(ball) - hue(around));
+    let strength = contrast.norm_squared();
     let (mut sum, mut first, mut second) = (0.0, Vector2::zeros(), [0.0; 2]);
     let reach = reach_px.ceil() as i64;
     let (cx, cy) = (at.x.round() as i64, at.y.round() as i64);
@@ -113,20 +142,23 @@ fn stretch_px2(
     for y in cy - reach..=cy + reach {
         for x in cx - reach..=cx + reach {
             let away = Vector2::new(x as f64, y as f64) - at;
-            if away.norm() > reach_px {
+            // As far as the rim of the smeared ball may reach, along and across.
+            let beyond_px = (away.dot(&along).abs() - 0.5 * longest_px).max(0.0);
+            if beyond_px.hypot(away.dot(&across)) > wide_px {
                 continue;
             }
             let rgb = frame.rgb(usize::try_from(x).ok()?, usize::try_from(y).ok()?);
             // Share of the pixel that shows the ball.
-            let share: f64 =
-                (0..3).map(|k| (linear(rgb[k]) - around[k]) * contrast[k]).sum::<f64>() / strength;
+            let share = (hue(rgb.map(linear)) - ground).dot(&contrast) / strength;
             let share = share.clamp(-0.2, 1.2);
             sum += share;
             first += away * share;
             parts.push((away, share));
         }
     }
-    if sum < 3.0 {
+    // As much as the ball has, at rest or smeared: otherwise what is behind it has its colour too.
+    let disc_px = 0.25 * std::f64::consts::PI * diameter_px * diameter_px;
+    if !(0.5 * disc_px..1.5 * (disc_px + diameter_px * longest_px)).contains(&sum) {
         return None;
     }
     let middle = first / sum;
@@ -188,20 +220,26 @@ mod tests {
     fn smear_is_as_long_as_the_ball_moved() {
         for length_px in [2.0, 5.0, 8.0] {
             let smear = Vector2::new(0.8, 0.6) * length_px;
-            let moment = stretch_px2(&drawn(smear), Vector2::new(29.3, 24.4), 8.0, smear).unwrap();
+            let moment = stretch_px2(&drawn(smear), Vector2::new(29.3, 24.4), [8.0, 10.0], smear).unwrap();
             assert!((moment / (length_px * length_px / 12.0) - 1.0).abs() < 0.15, "{length_px}: {moment}");
         }
         let still =
-            stretch_px2(&drawn(Vector2::zeros()), Vector2::new(29.3, 24.4), 8.0, Vector2::x()).unwrap();
-        assert!(still.abs() < 0.05, "{still}");
+            stretch_px2(&drawn(Vector2::zeros()), Vector2::new(29.3, 24.4), [8.0, 10.0], Vector2::x())
+                .unwrap();
+        assert!(still.abs() < 0.1, "{still}");
     }
 
     #[test]
     fn the_slope_is_the_square_of_the_exposure() {
-        let pairs: Vec<(f64, f64)> =
-            (1..40).map(|k| (f64::from(k * k) * 20.0, f64::from(k * k) * 20.0 * 0.04 * 0.04)).collect();
-        let got = slope(&pairs, vec![100.0; 20]).unwrap();
-        assert!((got.exposure_s - 0.04).abs() < 1e-9 && got.smear_px() > 3.99, "{got:?}");
-        assert_eq!(slope(&pairs[..5], vec![]), None);
+        let at = |k: i32| f64::from(k * k) * 2.0;
+        let mut pairs: Vec<(f64, f64)> = (1..40).map(|k| (at(k), 0.2 + at(k) * 0.04 * 0.04)).collect();
+        for k in [3, 17, 30] {
+            pairs[k].1 += 20.0;
+        }
+        let got = slope(&pairs, vec![100.0; 20], 0.04).unwrap();
+        assert!((got.exposure_s - 0.04).abs() < 1e-3 && got.smear_px() > 3.9, "{got:?}");
+        assert_eq!(slope(&pairs[..5], vec![], 0.04), None);
+        // No shutter is open for longer than a frame.
+        assert_eq!(slope(&pairs, vec![100.0; 20], 0.02), None);
     }
 }

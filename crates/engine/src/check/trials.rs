@@ -113,7 +113,7 @@ fn seen(film: &Film, camera: usize) -> f64 {
     markers.iter().map(|m| m.seen).sum::<f64>() / markers.len().max(1) as f64
 }
 
-/// Share of markers' sightings below which a camera is looked into.
+/// Share of frames with a marker, below which a camera is looked into.
 const SEES_LITTLE: f64 = 0.5;
 
 /// Cameras whose markers appear when their light is raised to that of their stills, or of another camera.

@@ -15,6 +15,9 @@ pub(crate) fn check(args: &Check) -> Result<()> {
     let found = mavsight_engine::check(&session, &bars);
     bars.done();
     print(&found)?;
+    let page = args.out.clone().unwrap_or_else(|| path.with_file_name("check.html"));
+    super::check_page::write(&page, &found)?;
+    outln!("Pictures: {}", page.display());
     anyhow::ensure!(found.is_ready(), "{}: mend this first", path.display());
     outln!("Next: mavsight run {} --out {}", path.display(), path.with_file_name("results").display());
     Ok(())

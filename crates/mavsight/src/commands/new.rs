@@ -9,12 +9,13 @@ use crate::cli::{New, WrongCall};
 use crate::out::outln;
 use anyhow::Result;
 use ask::{Asker, Question};
-use mavsight_engine::{FilmLook, look_at};
+use mavsight_engine::{FilmLook, colors_in_pictures, look_at};
 use mavsight_flight::{Color, Marker};
 use mavsight_model::SHELF;
 use mavsight_pipeline::ControlPointRow;
 use mavsight_pose::{PointNetwork, points_from_distances};
-use mavsight_session::{DistanceTable, read_control_points};
+use mavsight_session::{DistanceTable, read_control_points, read_image};
+use mavsight_vision::Frame;
 use std::path::{Path, PathBuf};
 
 /// What is known of the session once all is answered.
@@ -112,14 +113,20 @@ fn answers(args: &New, cameras: Vec<Camera>, asker: &mut Asker) -> Result<Option
                 225 225 100); a colour as picked from a picture may follow (#d02a2a)";
     let question = Question { flag: "--ball", text, default: None };
     let mut markers: Vec<Marker> = Vec::new();
+    let mut is_picked = Vec::new();
     asker.ask_lines(&args.ball, &question, |line| {
-        let ball = read::ball(line, &markers)?;
-        markers.push(ball);
+        markers.push(read::ball(line, &markers)?);
+        is_picked.push(read::parts(line).len() > 4);
         Ok(())
     })?;
+    let firsts: Vec<Frame> = cameras.iter().map(|c| c.look.first.clone()).collect();
+    let names: Vec<&str> = markers.iter().map(|m| m.name.as_str()).collect();
+    let words: Vec<Color> = markers.iter().map(|m| m.color).collect();
+    let colors = from_pictures(&firsts, &names, &words, &is_picked);
+    markers.iter_mut().zip(colors).for_each(|(marker, color)| marker.color = color);
     let question = Question { flag: "--inputs", text: "Table of the recorded inputs", default: Some("none") };
     let inputs = asker.ask(args.inputs.as_deref(), &question, read::file_or_none)?;
-    let control = control(args, asker)?;
+    let control = control(args, &cameras, asker)?;
     let (Some(model), Some(mass_kg), Some(inertia_kg_m2), Some(diameter_mm), Some(inputs), Some(control)) =
         (model, mass_kg, inertia_kg_m2, diameter_mm, inputs, control)
     else {
@@ -135,7 +142,7 @@ fn answers(args: &New, cameras: Vec<Camera>, asker: &mut Asker) -> Result<Option
 /// Control points, and where they come from in words.
 type Surveyed = (Vec<ControlPointRow>, String);
 
-fn control(args: &New, asker: &mut Asker) -> Result<Option<Surveyed>> {
+fn control(args: &New, cameras: &[Camera], asker: &mut Asker) -> Result<Option<Surveyed>> {
     if let Some(path) = &args.control {
         let points = named(read_control_points(path))?;
         let words = format!("{} control points as surveyed in {}", points.len(), path.display());
@@ -165,7 +172,7 @@ fn control(args: &New, asker: &mut Asker) -> Result<Option<Surveyed>> {
     let text = "Diameter of the control balls, mm";
     let question = Question { flag: "--control-diameter", text, default: None };
     let diameter_mm = asker.ask(args.control_diameter.as_deref(), &question, read::above_zero)?;
-    let colors = control_colors(args, asker, &table.names)?;
+    let colors = control_colors(args, cameras, asker, &table.names)?;
     let Some(diameter_mm) = diameter_mm.filter(|_| !table.names.is_empty()) else { return Ok(None) };
     let network = points_from_distances(&table.names, &table.measured)
         .map_err(|error| WrongCall(format!("--distances: {error}")))?;
@@ -181,7 +188,7 @@ fn control(args: &New, asker: &mut Asker) -> Result<Option<Surveyed>> {
 }
 
 /// The colours of control points: as picked, or as they are called.
-fn control_colors(args: &New, asker: &mut Asker, names: &[String]) -> Result<Vec<Color>> {
+fn control_colors(args: &New, cameras: &[Camera], asker: &mut Asker, names: &[String]) -> Result<Vec<Color>> {
     let mut picked: Vec<(String, Color)> = Vec::new();
     let read = |line: &str, picked: &mut Vec<(String, Color)>| {
         let (name, code) = line.split_once(['=', ' ']).ok_or("write a colour as orange=#b05020")?;
@@ -201,7 +208,31 @@ fn control_colors(args: &New, asker: &mut Asker, names: &[String]) -> Result<Vec
         picked.map_or_else(|| read::color(name), Ok)
     };
     let all: Result<Vec<Color>, String> = names.iter().map(own).collect();
-    Ok(all.map_err(|e| WrongCall(format!("--control-color: {e}")))?)
+    let words = all.map_err(|e| WrongCall(format!("--control-color: {e}")))?;
+    let is_picked: Vec<bool> = names.iter().map(|n| picked.iter().any(|(of, _)| of == n)).collect();
+    let stills: Vec<Frame> =
+        cameras.iter().filter_map(|c| c.still.as_ref()).filter_map(|path| read_image(path).ok()).collect();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    Ok(from_pictures(&stills, &names, &words, &is_picked))
+}
+
+/// Colours that were not picked, as pictures have them where they show balls that may be called so.
+fn from_pictures(pictures: &[Frame], names: &[&str], words: &[Color], is_picked: &[bool]) -> Vec<Color> {
+    if is_picked.iter().all(|picked| *picked) {
+        return words.to_vec();
+    }
+    let proposed = colors_in_pictures(pictures, words);
+    let mut colors = words.to_vec();
+    for (k, own) in colors.iter_mut().enumerate().filter(|(k, _)| !is_picked[*k]) {
+        match proposed[k] {
+            Some(color) => {
+                eprintln!("{}: {color}, as the pictures have it", names[k]);
+                *own = color;
+            }
+            None => eprintln!("{}: {own}, as it is called: no picture has a ball of that colour", names[k]),
+        }
+    }
+    colors
 }
 
 fn survey_words(network: &PointNetwork, table: &DistanceTable) -> String {

@@ -39,7 +39,7 @@ pub(super) fn put(solved: Solved, measured: &[NetworkMeasurement]) -> Result<Poi
     })
 }
 
-/// z stays: x through the first two points seen from above, y to the side of the first point that is beside them.
+/// z is kept: x through the first two points seen from above, y to the side of the first point that is beside them.
 fn about_the_vertical(points: &[Vector3<f64>]) -> Option<Matrix3<f64>> {
     let level = |v: Vector3<f64>| Vector3::new(v.x, v.y, 0.0);
     let away = |k: usize| level(points[k] - points[0]);

@@ -171,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn a_script_is_told_all_that_is_missing_at_once() {
+    fn a_script_is_refused_with_all_that_is_missing() {
         let mut asker = Asker::in_a_script();
         assert_eq!(asker.ask(None, &question("--n", None), number).unwrap(), None);
         assert_eq!(asker.ask(None, &question("--m", Some("3")), number).unwrap(), Some(3));
