@@ -28,6 +28,7 @@ mod fitter;
 mod flight;
 mod image;
 mod innovations;
+mod log_alone;
 mod measure;
 mod model;
 mod options;

@@ -9,7 +9,7 @@ mod plan;
 pub(crate) use convert::{Convert, Format, Up};
 pub(crate) use first::{Check, New};
 pub(crate) use live::Live;
-pub(crate) use log::ReadLog;
+pub(crate) use log::{LogMapping, ReadLog};
 pub(crate) use plan::{Campaign, Criterion, Plan, PlanCameras, PlanManoeuvre};
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -195,11 +195,20 @@ The table has t_s,x_m,y_m,z_m,phi_rad,theta_rad,psi_rad at any rate, with or wit
 smoothed; or it has all columns of motion.csv and is taken as it is. A row with its time alone was not measured.")]
 pub(crate) struct Identify {
     /// Poses or motion, from `track` or from any other system; of several flights of one aircraft each
-    #[arg(value_name = "TABLE.csv", required = true)]
+    #[arg(value_name = "TABLE.csv", required_unless_present = "log")]
     pub(crate) tables: Vec<PathBuf>,
     /// Recorded inputs: one file, or one for each table
-    #[arg(long, value_name = "FILES", value_delimiter = ',', required = true)]
+    #[arg(long, value_name = "FILES", value_delimiter = ',', required_unless_present = "log")]
     pub(crate) inputs: Vec<PathBuf>,
+    /// The aircraft's own log in place of inputs; without a table its sensors alone are fitted, which --input names as inputs
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["inputs", "sensors"])]
+    pub(crate) log: Option<PathBuf>,
+    /// Which of its fields are which inputs
+    #[command(flatten)]
+    pub(crate) mapping: LogMapping,
+    /// The part of a log without a table that is fitted, s by its clock
+    #[arg(long, value_name = "FROM..TO", value_parser = interval, conflicts_with = "tables")]
+    pub(crate) within: Option<(f64, f64)>,
     /// Vehicle file
     #[arg(long, value_name = "FILE")]
     pub(crate) vehicle: PathBuf,

@@ -6,7 +6,10 @@ mod presets;
 mod units;
 
 pub use gyroscope::{LogGyroscope, read_log_gyroscope};
-pub use inputs::{LogInput, LogSection, TimeUnit, UnitOf, inputs_of, read_log_inputs, unit_by_model};
+pub use inputs::{
+    LogInput, LogSection, TimeUnit, UnitOf, inputs_of, is_sensor, read_log_inputs, read_log_sensors,
+    unit_by_model,
+};
 pub use presets::Preset;
 
 use crate::table::{Row, Table};

@@ -88,7 +88,7 @@ const EXCURSIONS: f64 = 5.0;
 const OPEN: f64 = 100.0;
 /// Where nothing is measured for longer, the flight starts anew: an unstable aircraft's motion behind the gap says
 /// nothing of that before it.
-const LONGEST_GAP_S: f64 = 2.0;
+pub(super) const LONGEST_GAP_S: f64 = 2.0;
 
 /// Standard deviations of the gap from the end of one segment to the start of the next, to be multiplied by
 /// the tightness: m, rad, m/s, rad/s, and five times the usual excursion of a further state.

@@ -1,12 +1,11 @@
 //! What may be typed after `convert`.
 
-use super::{WrongCall, size};
+use super::log::LogMapping;
+use super::size;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
-use mavsight_flight::Interpolation;
 use mavsight_geometry::ImageSize;
 use mavsight_session::foreign::{frames::AxesOf, pixels::PixelOrigin};
-use mavsight_session::logs::{LogInput, Preset, TimeUnit};
 use std::path::PathBuf;
 
 /// `convert`
@@ -90,22 +89,8 @@ pub(crate) struct Convert {
     /// The camera that a format for one camera is to hold
     #[arg(long, value_name = "NAME")]
     pub(crate) camera: Option<String>,
-    /// Inputs of a known program, from a log
-    #[arg(long, value_name = "NAME", value_parser = preset_parser())]
-    pub(crate) preset: Option<Preset>,
-    /// An input from a log, `COLUMN=TOPIC:FIELD`, then with commas between `instance=`, `unit=`, `scale=`,
-    /// `offset=`, `interpolation=`; once for each input
-    #[arg(long = "input", value_name = "INPUT", value_parser = log_input)]
-    pub(crate) input_of_log: Vec<LogInput>,
-    /// Which of several topics of one name --preset takes
-    #[arg(long, value_name = "NUMBER")]
-    pub(crate) instance: Option<u32>,
-    /// Column of the times, where a table is read as a log
-    #[arg(long, value_name = "NAME")]
-    pub(crate) time: Option<String>,
-    /// Unit of these times: s, ms, us or ns
-    #[arg(long, value_name = "UNIT", value_parser = time_unit_parser(), default_value = "s")]
-    pub(crate) time_unit: TimeUnit,
+    #[command(flatten)]
+    pub(crate) log: LogMapping,
     /// Leave out skew where the format has no place for it
     #[arg(long)]
     pub(crate) drop_skew: bool,
@@ -144,55 +129,6 @@ pub(crate) enum Format {
 pub(crate) enum Up {
     Y,
     Z,
-}
-
-fn preset_parser() -> impl TypedValueParser<Value = Preset> {
-    PossibleValuesParser::new(Preset::ALL.map(|(name, _)| name)).map(|name| {
-        let found = Preset::ALL.iter().find(|(known, _)| *known == name);
-        found.map_or(Preset::Px4Outputs, |(_, preset)| *preset)
-    })
-}
-
-fn time_unit_parser() -> impl TypedValueParser<Value = TimeUnit> {
-    PossibleValuesParser::new(["s", "ms", "us", "ns"]).map(|name| match name.as_str() {
-        "ms" => TimeUnit::Ms,
-        "us" => TimeUnit::Us,
-        "ns" => TimeUnit::Ns,
-        _ => TimeUnit::S,
-    })
-}
-
-/// An input from a log.
-fn log_input(text: &str) -> Result<LogInput, WrongCall> {
-    let wrong = |what: &str| {
-        WrongCall(format!("{text:?}: {what}: write COLUMN=TOPIC:FIELD,scale=2,interpolation=linear"))
-    };
-    let mut parts = text.split(',');
-    let (column, field) =
-        parts.next().and_then(|t| t.split_once('=')).ok_or_else(|| wrong("no field is named"))?;
-    let (topic, field) =
-        field.split_once(':').map_or((None, field), |(topic, field)| (Some(topic.to_owned()), field));
-    let mut input =
-        LogInput { column: column.to_owned(), topic, field: field.to_owned(), ..LogInput::default() };
-    for part in parts {
-        let number = |t: &str| {
-            t.parse::<f64>().ok().filter(|v| v.is_finite()).ok_or_else(|| wrong("a number is none"))
-        };
-        match part.split_once('=').ok_or_else(|| wrong("a part has no ="))? {
-            ("instance", value) => {
-                input.instance = Some(value.parse().map_err(|_| wrong("an instance is no number"))?)
-            }
-            ("unit", value) => input.unit = Some(value.to_owned()),
-            ("scale", value) => input.scale = Some(number(value)?),
-            ("offset", value) => input.offset = number(value)?,
-            ("interpolation", "hold") => input.interpolation = Interpolation::Hold,
-            ("interpolation", "linear") => input.interpolation = Interpolation::Linear,
-            (key, _) => {
-                return Err(wrong(&format!("{key} is none of instance, unit, scale, offset, interpolation")));
-            }
-        }
-    }
-    Ok(input)
 }
 
 fn axes_parser() -> impl TypedValueParser<Value = AxesOf> {

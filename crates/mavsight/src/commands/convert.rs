@@ -18,7 +18,7 @@ use mavsight_session::foreign::poses::{
     TimedPose, Trajectory, read_pose_table, read_trajectory, write_pose_table, write_trajectory,
 };
 use mavsight_session::foreign::{CameraOptions, Noted, argus, c3d, dltdv, kalibr, opencv, ros, trc};
-use mavsight_session::logs::{LogSection, read_log_inputs, unit_by_model};
+use mavsight_session::logs::{read_log_inputs, unit_by_model};
 use mavsight_session::{
     RunResults, SessionError, cameras_of, load_equations, load_vehicle, read_rig, tables,
     write_control_points, write_markers, write_rig, write_vehicle, write_whole,
@@ -63,14 +63,7 @@ pub(crate) fn convert(args: &Convert) -> Result<()> {
 
 /// Writes the inputs of a log; notes of what was left out.
 fn log_inputs(args: &Convert) -> Result<Vec<String>> {
-    let section = LogSection {
-        file: args.input.clone(),
-        preset: args.preset,
-        instance: args.instance,
-        time: args.time.clone(),
-        time_unit: args.time_unit,
-        input: args.input_of_log.clone(),
-    };
+    let section = args.log.section(&args.input);
     if !section.has_inputs() {
         let path = args.input.display();
         let message = format!(

@@ -8,12 +8,16 @@ use crate::cli::{Identify, WrongCall};
 use crate::out::{out, outln};
 use crate::progress::Bars;
 use anyhow::Result;
-use mavsight_engine::{Flight, identify_from_motion, identify_from_poses};
-use mavsight_flight::Vehicle;
+use mavsight_engine::{Flight, identify_from_log, identify_from_motion, identify_from_poses};
+use mavsight_flight::{InputSeries, SensorSeries, Vehicle};
 use mavsight_identify::output_error::{FILTER_ERROR, MotionFits, OUTPUT_ERROR};
 use mavsight_identify::{Band, Bandwidth, EquationFile, Estimator, FitOptions, Options};
 use mavsight_pipeline::IdentifyOptions;
 use mavsight_report::{Summary, parameter_text};
+use mavsight_session::foreign::Noted;
+use mavsight_session::logs::{
+    LogGyroscope, is_sensor, read_log_gyroscope, read_log_inputs, read_log_sensors, unit_by_model,
+};
 use mavsight_session::{
     FlightTable, RunResults, load_equations, load_vehicle, read_flight_table, read_summary,
     results::names,
@@ -27,9 +31,17 @@ pub(crate) fn identify(args: &Identify) -> Result<()> {
     args.out.as_deref().map_or(Ok(()), require_folder)?;
     let options = options(args, &vehicle)?;
     let vehicle = options.table.equations.as_ref().map_or(vehicle.clone(), |file| file.vehicle(&vehicle));
+    let log = args.log.as_deref().map(|file| RecordedLog::read(args, file, &vehicle)).transpose()?;
+    if let Some(log) = log.as_ref().filter(|_| args.tables.is_empty()) {
+        return identify_log(args, log, &log.flight(&vehicle, &options));
+    }
     let flights = recorded_flights(args, &vehicle)?;
     let bars = Bars::new();
     let one = |flight: Recorded, session: String, out: Option<&Path>| {
+        if let Some(log) = &log {
+            let of = Flight { sensors: None, ..log.flight(&vehicle, &options) };
+            return identify_one(flight.table, session, &of, out, &bars);
+        }
         let inputs = named(read_inputs(&flight.inputs, &vehicle))?;
         let sensors =
             flight.sensors.as_deref().map(|path| named(read_sensors(path, &vehicle.model))).transpose()?;
@@ -61,6 +73,70 @@ pub(crate) fn identify(args: &Identify) -> Result<()> {
     pool(&vehicle.name, &names, &fitted, args.out.as_deref())
 }
 
+/// What a log has of a flight.
+struct RecordedLog {
+    inputs: InputSeries,
+    sensors: Option<SensorSeries>,
+    gyroscope: Option<LogGyroscope>,
+}
+
+impl RecordedLog {
+    fn read(args: &Identify, file: &Path, vehicle: &Vehicle) -> Result<Self> {
+        let whole = args.mapping.section(file);
+        if !whole.has_inputs() {
+            let path = file.display();
+            let message = format!(
+                "{path}: which fields are inputs? Give --preset or --input; `mavsight log {path}` lists them"
+            );
+            return Err(WrongCall(message).into());
+        }
+        let mut section = whole.clone();
+        section.input.retain(|input| !is_sensor(&vehicle.model, &input.column));
+        let Noted { value: inputs, mut notes } =
+            named(read_log_inputs(&section, &unit_by_model(&vehicle.model)))?;
+        let has_sensors = section.input.len() < whole.input.len();
+        let sensors = has_sensors.then(|| named(read_log_sensors(&whole, &vehicle.model))).transpose()?;
+        let sensors = sensors.map(|sensors| {
+            notes.extend(sensors.notes);
+            sensors.value
+        });
+        notes.iter().for_each(|note| eprintln!("note: {note}"));
+        Ok(Self { inputs, sensors, gyroscope: named(read_log_gyroscope(&section))? })
+    }
+
+    fn flight<'a>(&'a self, vehicle: &'a Vehicle, options: &IdentifyOptions) -> Flight<'a> {
+        Flight {
+            name: &vehicle.name,
+            vehicle,
+            inputs: Some(&self.inputs),
+            sensors: self.sensors.as_ref(),
+            gyroscope: self.gyroscope.as_ref(),
+            options: options.clone(),
+        }
+    }
+}
+
+/// Fits a log without a table of poses.
+fn identify_log(args: &Identify, log: &RecordedLog, flight: &Flight<'_>) -> Result<()> {
+    if log.sensors.is_none() {
+        let message = "without a table of poses, name the sensors of the model's [outputs] with --input, such as \
+                       --input acc_z_m_s2=acc.z,scale=-9.80665";
+        return Err(WrongCall(message.into()).into());
+    }
+    let bars = Bars::new();
+    let mut results = RunResults { session: flight.vehicle.name.clone(), ..RunResults::default() };
+    identify_from_log(&mut results, args.within, flight, &bars)?;
+    bars.done();
+    let summary = Summary::of(&results, None);
+    out!("{}{}", summary.text(), parameter_text(&results));
+    if let Some(out) = args.out.as_deref() {
+        results.summary = beside_other_stages(out, &results.session, summary.json());
+        write_identified(out, &mut results)?;
+        outln!("\nResults: {}", out.display());
+    }
+    Ok(())
+}
+
 /// What was recorded of a flight, or of a part of one.
 struct Recorded {
     name: String,
@@ -83,7 +159,7 @@ fn recorded_flights(args: &Identify, vehicle: &Vehicle) -> Result<Vec<Recorded>>
                 "--estimator oe: output error fits poses, and this is a table of motion; give it pose.csv";
             return Err(WrongCall(what.into()).into());
         }
-        let (inputs, sensors) = (inputs[k].clone(), sensors.get(k).cloned());
+        let (inputs, sensors) = (inputs.get(k).cloned().unwrap_or_default(), sensors.get(k).cloned());
         let name = path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
         let Some(parts) = args.parts else {
             flights.push(Recorded { name, table, inputs, sensors });

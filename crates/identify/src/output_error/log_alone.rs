@@ -1,0 +1,132 @@
+//! Output error on a log alone: sensors of the aircraft without a camera.
+
+use super::flight::{FlightFitOptions, FlightFits};
+use super::measure::{LeftOut, Measurements, StateMeasurement};
+use super::model::{Equations, FlightModel};
+use super::shooting::LONGEST_GAP_S;
+use super::{InitialStates, OutputErrorOptions, output_error};
+use crate::IdentifyError;
+use mavsight_flight::{InputSeries, SensorSeries, Vehicle};
+use mavsight_geometry::{Isometry3, Matrix6, UnitQuaternion, Vector3, world_from_level};
+use mavsight_model::{RIGID_STATES, Unit};
+use nalgebra::{DMatrix, DVector};
+
+/// Guessed poses at the beginning of each piece that count: a place and a velocity follow from as many.
+const ANCHORS: usize = 4;
+/// With what they count, m and rad: they fix what nothing measures, and no more.
+const ANCHOR_STD: [f64; 6] = [1.0, 1.0, 1.0, 0.1, 0.1, 0.1];
+/// Guessed poses follow each other by this.
+const GUESSED_NS: i64 = 50_000_000;
+/// Rates that sensors show less than this of are not shown.
+const SHOWN: f64 = 1e-6;
+
+impl FlightFits {
+    /// Fits the default model of a vehicle, with its sensors, to samples of these alone.
+    ///
+    /// Sensors of rates and specific force show neither where the aircraft is nor where its nose points, and what they show
+    /// does not depend on it: each piece of the flight, parted by gaps of more than two seconds, begins level at the origin,
+    /// and a fit starts from the turns that add up from there by those of the model's sensors that show rates. Inputs and
+    /// sensors are of one clock. The further states begin anywhere.
+    ///
+    /// # Errors
+    /// A vehicle that is not valid; sensors that are not those of the model; inputs that do not begin before the samples; a
+    /// refusal of the fit becomes a sentence.
+    pub fn of_log(
+        vehicle: &Vehicle,
+        inputs: &InputSeries,
+        sensors: &SensorSeries,
+        options: &FlightFitOptions<'_>,
+    ) -> Result<Self, IdentifyError> {
+        let sensors = sensors.of(&vehicle.model)?.within(|t_ns| !options.holds_out(t_ns));
+        let model = FlightModel::with_outputs(vehicle, inputs)?;
+        let states = guessed(&model, &model.inputs_of(inputs)?, &sensors)?;
+        let mut since = 0;
+        let left_out = (0..states.len()).map(|k| {
+            let begins = k == 0 || states[k].t_s() - states[k - 1].t_s() > LONGEST_GAP_S;
+            since = if begins { 0 } else { since + 1 };
+            since >= ANCHORS
+        });
+        let left_out = LeftOut(left_out.collect());
+        let measured = Measurements::Part(Box::new(Measurements::States(states)), left_out)
+            .with_sensors(&vehicle.model, &sensors)?;
+        let defaults = OutputErrorOptions { initial: InitialStates::Free, ..OutputErrorOptions::default() };
+        let mut out = Self { held: model.held(), ..Self::default() };
+        match output_error(&model, inputs, &measured, &defaults) {
+            Ok(fit) => out.poses = Some(fit),
+            Err(why) => out.refusals.push(format!("No output error from the log: {why}")),
+        }
+        Ok(out)
+    }
+}
+
+/// Poses that start level at the origin and turn as the sensors show.
+fn guessed(
+    model: &FlightModel,
+    inputs: &InputSeries,
+    sensors: &SensorSeries,
+) -> Result<Vec<StateMeasurement>, IdentifyError> {
+    let covariance = Matrix6::from_diagonal(&ANCHOR_STD.map(|s| s * s).into());
+    let mut out: Vec<StateMeasurement> = Vec::new();
+    let Some(first_ns) = sensors.times_ns().first() else { return Ok(out) };
+    let shown = ShownRates::of(model, inputs.require(*first_ns as f64 * 1e-9)?);
+    let (mut attitude, mut before_ns, mut due_ns) = (UnitQuaternion::identity(), *first_ns, *first_ns);
+    for (k, t_ns) in sensors.times_ns().iter().enumerate() {
+        let span_s = (t_ns - before_ns) as f64 * 1e-9;
+        if span_s > LONGEST_GAP_S {
+            attitude = UnitQuaternion::identity();
+        } else {
+            attitude *= UnitQuaternion::from_scaled_axis(shown.rates(sensors.row(k)) * span_s);
+        }
+        before_ns = *t_ns;
+        if *t_ns >= due_ns {
+            due_ns = t_ns + GUESSED_NS;
+            let pose = Isometry3::from_parts(Vector3::zeros().into(), world_from_level() * attitude);
+            out.push(StateMeasurement::of_pose(*t_ns, pose, covariance));
+        }
+    }
+    Ok(out)
+}
+
+/// How rates follow from what sensors of rates show, by least squares; about axes that none shows there are none.
+struct ShownRates {
+    still: DVector<f64>,
+    rates: DMatrix<f64>,
+}
+
+impl ShownRates {
+    fn of(model: &FlightModel, inputs: &[f64]) -> Self {
+        let sensors = &model.model().sensors;
+        let equations = Equations::with_sensors(model);
+        let mut evaluation = equations.dynamics.with(&equations.values(model));
+        evaluation.set_inputs(inputs);
+        let further = model.model().initial(model.values(), inputs);
+        let rate = Unit::parse("rad/s").ok();
+        let mut sensed = |axis: Option<usize>| {
+            let mut state = vec![0.0; RIGID_STATES];
+            state[3] = 1.0;
+            if let Some(axis) = axis {
+                state[10 + axis] = 1.0;
+            }
+            state.extend(&further);
+            let mut values = vec![0.0; sensors.len()];
+            let mut rates = vec![0.0; state.len()];
+            evaluation.rates(&state, &mut rates);
+            evaluation.sense(&state, &mut values);
+            let of_rates = values.iter().zip(sensors).map(|(v, s)| if s.unit == rate { *v } else { 0.0 });
+            DVector::from_iterator(sensors.len(), of_rates)
+        };
+        let still = sensed(None);
+        let columns: Vec<DVector<f64>> = (0..3).map(|axis| sensed(Some(axis)) - &still).collect();
+        let by_rate = DMatrix::from_columns(&columns);
+        let rates = by_rate.pseudo_inverse(SHOWN).unwrap_or_else(|_| DMatrix::zeros(3, sensors.len()));
+        Self { still, rates }
+    }
+
+    /// About the body's axes; zero where a sample is missing.
+    fn rates(&self, sample: &[f64]) -> Vector3<f64> {
+        let change =
+            DVector::from_iterator(sample.len(), sample.iter().zip(&self.still).map(|(s, at)| s - at));
+        let rates = &self.rates * change.map(|x| if x.is_finite() { x } else { 0.0 });
+        Vector3::new(rates[0], rates[1], rates[2])
+    }
+}
