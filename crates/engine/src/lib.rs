@@ -25,7 +25,7 @@ pub use colors::colors_in_pictures;
 pub use error::EngineError;
 pub use frames::{camera_feeds, first_frames};
 pub use identification::{identify_from_motion, identify_from_poses};
-pub use look::{FilmLook, look_at};
 pub use log_alone::identify_from_log;
+pub use look::{FilmLook, look_at};
 pub use solution::{Flight, Options, log_gyroscope, recorded_inputs, recorded_sensors, run, solve};
 pub use tracking::{TrackedFlight, track};

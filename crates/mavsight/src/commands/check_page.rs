@@ -3,7 +3,7 @@
 use anyhow::Result;
 use mavsight_engine::{CameraCheck, CheckItem, Harm, SessionCheck, Shot};
 use mavsight_geometry::{ImageSize, Vector2};
-use mavsight_report::{Figure, Report, Table, picture_address, render};
+use mavsight_report::{Figure, Report, ReportSection, Table, picture_address, render};
 use mavsight_session::write_whole;
 use mavsight_vision::Frame;
 use std::f64::consts::TAU;
@@ -23,13 +23,13 @@ pub(super) fn write(path: &Path, found: &SessionCheck) -> Result<()> {
         "All is ready: the cameras are calibrated, and the markers are found and identified.".to_owned()
     } else {
         format!(
-            "Mend {} first.",
-            if mend.len() == 1 { "one thing".into() } else { format!("{} things", mend.len()) }
+            "Mend first: {}",
+            if mend.len() == 1 { "one fault.".into() } else { format!("{} faults.", mend.len()) }
         )
     };
     let mut report = Report {
         title: format!("mavsight check: {}", found.name),
-        lead,
+        lead: vec![lead],
         headline: headline(found),
         ..Report::default()
     };
@@ -49,7 +49,15 @@ pub(super) fn write(path: &Path, found: &SessionCheck) -> Result<()> {
     for camera in &found.cameras {
         report.add(&camera.name, vec![], pictures(camera, found)?);
     }
-    report.notes = found.items.iter().filter(|i| i.harm == Harm::Remark).map(|i| i.text.clone()).collect();
+    let remarks: Vec<String> =
+        found.items.iter().filter(|i| i.harm == Harm::Remark).map(|i| i.text.clone()).collect();
+    if !remarks.is_empty() {
+        report.sections.push(ReportSection {
+            heading: "Remarks".to_owned(),
+            texts: remarks,
+            ..ReportSection::default()
+        });
+    }
     write_whole(path, render(&report)?.as_bytes())?;
     Ok(())
 }
@@ -99,15 +107,15 @@ fn pictures(camera: &CameraCheck, found: &SessionCheck) -> Result<Vec<Figure>> {
     let mut figures = Vec::new();
     if let Some(markup) = still(camera)? {
         let caption = "The control points: circles are where the calibration has them, dashed where they were not found.";
-        figures.push(Figure { caption: caption.into(), markup });
+        figures.push(Figure::new(caption, markup));
     }
     if !camera.shots.is_empty() {
         let caption = "Frames of the flight. A circle is a ball identified as the marker that is named, a square another ball of \
                        a marker's colour, a dashed circle a marker that was not detected where the pose has it. The pictures are cut around the aircraft.";
-        figures.push(Figure { caption: caption.into(), markup: mosaic(&camera.shots, found)? });
+        figures.push(Figure::new(caption, mosaic(&camera.shots, found)?));
         let caption = "Hues of the balls. Each dot is a ball in a frame, in its own colour; a line is the colour that the vehicle file gives \
                        the marker. Dots of a marker lie about its line, and lines lie apart, where colours do their work.";
-        figures.push(Figure { caption: caption.into(), markup: hues(&camera.shots, found) });
+        figures.push(Figure::new(caption, hues(&camera.shots, found)));
     }
     Ok(figures)
 }
