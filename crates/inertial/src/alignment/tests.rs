@@ -41,7 +41,13 @@ fn point() -> Point {
 #[test]
 fn derivatives_are_those_of_differences() {
     let (gyroscope, turns) = (gyroscope(), pose_turns(&poses(&mut Random::new(1, 0))));
-    let problem = Problem { turns: &turns, gyroscope: &gyroscope, at_s: 1.0, noise_rad_s: 0.0 };
+    let problem = Problem {
+        turns: &turns,
+        gyroscope: &gyroscope,
+        at_s: 1.0,
+        noise_rad_s: 0.0,
+        start: point().body_from_sensor,
+    };
     let predicted = |point: &Point, turn: &PoseTurn| {
         // About the prediction, where the logarithm of the residual has the unit derivative.
         problem.residual(turn, point, &Turned::new(&gyroscope, point.errors)).expect("within")
@@ -71,7 +77,13 @@ fn derivatives_are_those_of_differences() {
 fn whitening_is_that_of_the_dense_covariance() {
     let (gyroscope, turns) = (gyroscope(), pose_turns(&poses(&mut Random::new(2, 0))));
     let turns = &turns[..6];
-    let problem = Problem { turns, gyroscope: &gyroscope, at_s: 1.0, noise_rad_s: 0.0 };
+    let problem = Problem {
+        turns,
+        gyroscope: &gyroscope,
+        at_s: 1.0,
+        noise_rad_s: 0.0,
+        start: point().body_from_sensor,
+    };
     let turned = Turned::new(&gyroscope, point().errors);
     let mut dense = nalgebra::DMatrix::zeros(18, 18);
     let mut residuals = nalgebra::DVector::zeros(18);

@@ -207,7 +207,7 @@ impl Samples<'_> {
     /// that. The covariance of a rate and its derivative is the same of each axis.
     fn innovations(&self, density: f64) -> Option<(f64, f64, f64)> {
         let (mut rate, mut slope) = (self.rates_rad_s[0], Vector3::zeros());
-        // Of the slope nothing is known: two samples tell it.
+        // Of the slope nothing is known: two samples give it.
         let step_s = self.step_s(1);
         let mut p = [1.0, 0.0, 1e4 / (step_s * step_s)];
         let (mut count, mut log_det, mut squares) = (0.0, 0.0, 0.0);

@@ -1,4 +1,4 @@
-//! Whether a gyroscope and the poses tell of one flight.
+//! Whether a gyroscope and the poses are of one flight.
 
 use super::{Flown, forward, informed_start, known_parts};
 use crate::smoother::believed::{Believed, believed};
