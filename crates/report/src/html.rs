@@ -162,6 +162,12 @@ impl Report {
         self.push(ReportSection { heading: heading.to_owned(), texts, tables, figures, is_folded: true });
     }
 
+    /// Whether there is something for the page's script to do.
+    fn is_live(&self) -> bool {
+        let has_chart = |s: &ReportSection| s.is_folded || s.figures.iter().any(|f| f.data.is_some());
+        !self.overview.is_empty() || self.sections.iter().any(has_chart)
+    }
+
     fn push(&mut self, section: ReportSection) {
         if !(section.texts.is_empty() && section.tables.is_empty() && section.figures.is_empty()) {
             self.sections.push(section);
@@ -184,6 +190,7 @@ pub fn render(report: &Report) -> Result<String, ReportError> {
     environment.add_template("report", include_str!("page/report.html"))?;
     let parts = context! {
         r => Value::from(Serde(report)),
+        is_live => report.is_live(),
         licence => Value::from_safe_string(include_str!("uplot/LICENSE").to_owned()),
         style => Value::from_safe_string(concat!(include_str!("uplot/uPlot.min.css"), include_str!("page/report.css")).to_owned()),
         script => Value::from_safe_string(concat!(include_str!("uplot/uPlot.iife.min.js"), "\n", include_str!("page/report.js")).to_owned()),
@@ -217,5 +224,7 @@ mod tests {
             assert!(!html.contains(elsewhere), "{elsewhere}");
         }
         assert!(html.contains("default-src 'none'"), "a browser loads nothing else either");
+        let still = render(&Report::default()).expect("a report");
+        assert!(!still.contains("<script"), "a page without charts has no script");
     }
 }

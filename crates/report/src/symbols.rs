@@ -89,6 +89,10 @@ fn token(text: &str) -> &str {
     &text[..end]
 }
 
+fn is_capital(head: &str) -> bool {
+    head.len() == 1 && head.chars().all(|c| c.is_ascii_uppercase())
+}
+
 fn greek(name: &str) -> Option<&'static str> {
     GREEK.iter().find(|(known, _)| *known == name).map(|(_, letter)| *letter)
 }
@@ -99,11 +103,10 @@ fn symbol(token: &str) -> Option<String> {
     };
     let mut parts = below.split(',');
     let first = parts.next().filter(|first| !first.is_empty() && !first.contains('_'))?;
-    let is_capital = head.len() == 1 && head.chars().all(|c| c.is_ascii_uppercase());
     let is_small = SMALL.contains(&head) && !UNITS.contains(&first);
     let letter = match greek(head) {
         Some(letter) => letter,
-        None if is_capital || is_small => head,
+        None if is_capital(head) || is_small => head,
         None => return None,
     };
     let below: Vec<String> = std::iter::once(first).chain(parts).map(subscript).collect();
@@ -114,7 +117,7 @@ fn symbol(token: &str) -> Option<String> {
 fn subscript(part: &str) -> String {
     let letter = |name: &str| greek(name).map_or_else(|| escaped(name), str::to_owned);
     match part.split_once('_') {
-        Some((head, below)) if greek(head).is_some() => {
+        Some((head, below)) if greek(head).is_some() || is_capital(head) => {
             format!("{}<sub>{}</sub>", letter(head), escaped(below))
         }
         _ => letter(part),
@@ -131,7 +134,7 @@ mod tests {
         assert_eq!(html("C_m,alpha_u"), cm);
         assert_eq!(
             html("C_X,0 + 4.6·C_X,T_u"),
-            "<var>C</var><sub>X,0</sub> + 4.6·<var>C</var><sub>X,T_u</sub>"
+            "<var>C</var><sub>X,0</sub> + 4.6·<var>C</var><sub>X,T<sub>u</sub></sub>"
         );
         assert_eq!(html("T_u and tau_f, s"), "<var>T</var><sub>u</sub> and <var>τ</var><sub>f</sub>, s");
         assert_eq!(html("(C_m,alpha_u)."), format!("({cm})."));

@@ -88,7 +88,7 @@
         width, height: height + own, padding: [4, 8, 0, small ? 2 : 0], legend: { show: false }, series, bands,
         scales: { x: { time: false } },
         axes: [{ ...axis, size: isLast && !small ? 26 : 8, values: (u, at) => at.map(v => isLast && !small ? number(v) : "") },
-          { ...axis, size: small ? 2 : 66, space: 18, values: (u, at) => at.map(v => small ? "" : number(v, 6)) }],
+          { ...axis, size: small ? 2 : 74, space: 18, values: (u, at) => at.map(v => small ? "" : number(v, 6)) }],
         cursor: { show: !small, sync: { key: this.key }, drag: { x: true, y: false }, points: { size: 7 } },
         hooks: { setCursor: [u => this.read(u, k)], setScale: [(u, name) => { if (name === "x") this.range = { ...u.scales.x }; }] },
       }, this.tables[k], host);
