@@ -153,7 +153,7 @@ fn filmed(
     let taps: Vec<Tap> = rig.cameras.iter().map(|_| Tap::default()).collect();
     let feeds = camera_feeds(session)?.into_iter().zip(&taps).enumerate();
     let feeds = feeds
-        .map(|(k, (feed, tap))| tap.into_feed(through(k, first_part(feed, rig.cameras[k].camera.size))))
+        .map(|(k, (feed, tap))| tap.tapped(through(k, first_part(feed, rig.cameras[k].camera.size))))
         .collect();
     let mut seen = Vec::new();
     let tracked = mavsight_pipeline::track_with(feeds, rig, vehicle, progress, |instant| {

@@ -79,7 +79,7 @@ impl Taken {
 pub(super) struct Tap(Arc<Mutex<Taken>>);
 
 impl Tap {
-    pub(super) fn into_feed(&self, feed: CameraFeed<'static>) -> CameraFeed<'static> {
+    pub(super) fn tapped(&self, feed: CameraFeed<'static>) -> CameraFeed<'static> {
         let every = (feed.announced.unwrap_or(KEPT) / KEPT).max(1);
         let taken = Arc::clone(&self.0);
         let frames = feed.frames.enumerate().map(move |(k, item)| {
