@@ -56,13 +56,20 @@ struct Score {
     held: [f64; 2],
 }
 
-fn errors(motion: &Motion, vehicle: &Vehicle) -> Vec<(i64, [Vector3<f64>; 2], [Vector3<f64>; 2])> {
+/// Errors of attitude (rad) and rates (rad/s) at an instant, and their standard deviations.
+struct Errors {
+    t_ns: i64,
+    off: [Vector3<f64>; 2],
+    std: [Vector3<f64>; 2],
+}
+
+fn errors(motion: &Motion, vehicle: &Vehicle) -> Vec<Errors> {
     let times_s: Vec<f64> = motion.samples.iter().map(|s| s.t_ns as f64 * 1e-9).collect();
     let truth = flown(vehicle, &times_s);
     let error = |(s, state): (&mavsight_pose::MotionSample, &FlightState)| {
         let turn = (state.pose().rotation.inverse() * s.world_from_body.rotation).scaled_axis();
         let std = [1, 3].map(|k| s.covariance.quantity(k).diagonal().map(f64::sqrt));
-        (s.t_ns, [turn, s.rates_rad_s - state.rates_rad_s], std)
+        Errors { t_ns: s.t_ns, off: [turn, s.rates_rad_s - state.rates_rad_s], std }
     };
     motion.samples.iter().zip(&truth).map(error).collect()
 }
@@ -71,7 +78,7 @@ fn scored(motion: &Motion, vehicle: &Vehicle) -> Score {
     let all = errors(motion, vehicle);
     let count = 3.0 * all.len() as f64;
     let mean = |of: &dyn Fn(&Vector3<f64>, &Vector3<f64>) -> f64| {
-        [0, 1].map(|q| all.iter().map(|(_, error, std)| of(&error[q], &std[q])).sum::<f64>() / count)
+        [0, 1].map(|q| all.iter().map(|e| of(&e.off[q], &e.std[q])).sum::<f64>() / count)
     };
     let rms = mean(&|error, _| error.norm_squared()).map(f64::sqrt);
     let held = mean(&|error, std| error.iter().zip(std).map(|(e, s)| f64::from(e.abs() <= 1.96 * s)).sum());
@@ -94,8 +101,8 @@ fn after_a_gap(
         .for_each(|p| p.estimate = Err(PoseError::NotMeasured));
     let rates = align_log(&tracked.poses, gyroscope).unwrap().body_rates(gyroscope).unwrap();
     let motion = motion_of(&tracked, Some(&rates), vehicle, &NoProgress).unwrap();
-    let last = errors(&motion, vehicle).into_iter().rfind(|(t_ns, ..)| inside(*t_ns))?;
-    (from_ns + GAP_NS - last.0 < 50_000_000).then(|| (last.1[0].norm(), last.2[0].norm()))
+    let last = errors(&motion, vehicle).into_iter().rfind(|e| inside(e.t_ns))?;
+    (from_ns + GAP_NS - last.t_ns < 50_000_000).then(|| (last.off[0].norm(), last.std[0].norm()))
 }
 
 fn main() {

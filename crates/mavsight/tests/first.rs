@@ -61,19 +61,19 @@ fn three_commands_lead_from_videos_and_distances_to_poses() {
     let mut flags = recorded(&flight);
     let dir = flight.path("new");
     let refused = mavsight().arg("new").arg(&dir).args(&flags).assert().failure().code(2);
-    let told = String::from_utf8_lossy(&refused.get_output().stderr).into_owned();
-    assert!(told.contains("--ball-diameter, --control-diameter"), "{told}");
+    let said = String::from_utf8_lossy(&refused.get_output().stderr).into_owned();
+    assert!(said.contains("--ball-diameter, --control-diameter"), "{said}");
     assert!(!dir.exists(), "nothing is written of what is not whole");
     flags.extend(["--ball-diameter", "50", "--control-diameter", "60"].map(str::to_owned));
     let made = mavsight().arg("new").arg(&dir).args(&flags).assert().success();
-    let told = String::from_utf8_lossy(&made.get_output().stdout).into_owned();
+    let said = String::from_utf8_lossy(&made.get_output().stdout).into_owned();
     assert!(
-        told.contains("8 control points by 36 measured distances") && told.contains("Next: mavsight check"),
-        "{told}"
+        said.contains("8 control points by 36 measured distances") && said.contains("Next: mavsight check"),
+        "{said}"
     );
     let checked = mavsight().arg("check").arg(&dir).assert().success();
-    let told = String::from_utf8_lossy(&checked.get_output().stdout).into_owned();
-    assert!(told.contains("poses at 12 of 12 instants") && told.contains("Next: mavsight run"), "{told}");
+    let said = String::from_utf8_lossy(&checked.get_output().stdout).into_owned();
+    assert!(said.contains("poses at 12 of 12 instants") && said.contains("Next: mavsight run"), "{said}");
     let page = std::fs::read_to_string(dir.join("check.html")).expect("a page");
     assert!(page.contains("All is ready") && page.matches("data:image/jpeg").count() > 12, "{}", page.len());
     let results = dir.join("results");
@@ -88,6 +88,6 @@ fn a_wrong_answer_of_a_script_names_its_flag() {
     let mut flags = recorded(&flight);
     flags.extend(["--ball-diameter", "fifty", "--control-diameter", "60"].map(str::to_owned));
     let refused = mavsight().arg("new").arg(flight.path("new")).args(&flags).assert().failure().code(2);
-    let told = String::from_utf8_lossy(&refused.get_output().stderr).into_owned();
-    assert!(told.contains("--ball-diameter: \"fifty\""), "{told}");
+    let said = String::from_utf8_lossy(&refused.get_output().stderr).into_owned();
+    assert!(said.contains("--ball-diameter: \"fifty\""), "{said}");
 }

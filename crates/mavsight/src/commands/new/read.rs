@@ -107,9 +107,9 @@ mod tests {
     fn balls_and_colours_are_read_as_people_write_them() {
         let red = ball("red 225 -225 100", &[]).unwrap();
         assert_eq!((red.position_m, red.color.rgb()), ([0.225, -0.225, 0.1], [255, 0, 0]));
-        let picked = ball("red2,1,2,3,#d02a2a", &[red.clone()]).unwrap();
+        let picked = ball("red2,1,2,3,#d02a2a", std::slice::from_ref(&red)).unwrap();
         assert_eq!(picked.color.rgb(), [0xd0, 0x2a, 0x2a]);
-        assert!(ball("red,1,2,3", &[red.clone()]).unwrap_err().contains("red2"));
+        assert!(ball("red,1,2,3", std::slice::from_ref(&red)).unwrap_err().contains("red2"));
         assert!(ball("red,1,2", &[]).unwrap_err().contains("forward"));
         assert!(color("reddish").unwrap_err().contains("#rrggbb"));
         assert!(above_zero("0").is_err() && three("1,2").is_err() && three("1, 2, 3").is_ok());
