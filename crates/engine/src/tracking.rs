@@ -1,10 +1,9 @@
 //! What the cameras of a session saw of the aircraft.
 
-use crate::error::input;
 use crate::{EngineError, camera_feeds};
 use mavsight_flight::Vehicle;
 use mavsight_pipeline::{PipelineError, Progress, RefinedBody, Tracked, refine};
-use mavsight_pose::{BodyMarker, MarkerObservation, Observations, Rig, allow_for_reordered_frames};
+use mavsight_pose::{BodyMarker, MarkerObservation, Observations, Rig};
 use mavsight_session::{MarkerAsBuilt, RunResults, Session};
 
 /// Cameras, markers and poses of a flight before it is smoothed.
@@ -20,29 +19,11 @@ pub struct TrackedFlight {
 
 /// Tracks the markers through all recordings of a session, associates them and estimates one pose an
 /// instant. Where the session asks for it, cameras and markers are refined from the flight; a note says why
-/// they could not be. Poses allow for frames that an encoder may have predicted from those before and after them
-/// ([`allow_for_reordered_frames`]).
+/// they could not be.
 ///
 /// # Errors
 /// Recordings that cannot be read, and what [`mavsight_pipeline::track`] refuses.
 pub fn track(session: &Session, rig: Rig, progress: &dyn Progress) -> Result<TrackedFlight, EngineError> {
-    let mut flight = tracked(session, rig, progress)?;
-    if may_be_reordered(session)? {
-        allow_for_reordered_frames(&mut flight.tracked.poses);
-    }
-    Ok(flight)
-}
-
-fn may_be_reordered(session: &Session) -> Result<bool, EngineError> {
-    for camera in 0..session.cameras().len() {
-        if input(session.open_camera(camera))?.may_be_reordered() {
-            return Ok(true);
-        }
-    }
-    Ok(false)
-}
-
-fn tracked(session: &Session, rig: Rig, progress: &dyn Progress) -> Result<TrackedFlight, EngineError> {
     let mut tracked = mavsight_pipeline::track(camera_feeds(session)?, &rig, &session.vehicle, progress)?;
     let Some(how) = session.file.refine else {
         return Ok(TrackedFlight { rig, tracked, body: Vec::new() });

@@ -99,15 +99,6 @@ impl PoseEstimate {
         Self { systematic, ..self }
     }
 
-    /// Adds to what is new in this pose that it may be displaced by this, as one standard deviation.
-    #[must_use]
-    pub(crate) fn with_displacement(mut self, displaced: &Vector6<f64>) -> Self {
-        for (value, (i, j)) in self.own.iter_mut().zip(places()) {
-            *value += displaced[i] * displaced[j];
-        }
-        self
-    }
-
     /// States which markers entered, which were left out, and the residual that they leave.
     #[must_use]
     pub fn by_markers(self, markers_used: MarkerSet, left_out: MarkerSet, residual_px: f64) -> Self {
