@@ -106,8 +106,8 @@ fn of_hue(angle: f64) -> [u8; 3] {
 /// Angle between two hues, degrees.
 fn apart_deg(a: [u8; 3], b: [u8; 3]) -> f64 {
     let angle = |rgb: [u8; 3]| {
-        let [r, g, b] = Color::new(rgb[0], rgb[1], rgb[2]).to_linear();
-        (0.75_f64.sqrt() * (g - b)).atan2(r - 0.5 * (g + b)).to_degrees()
+        let own = crate::check::hue(Color::new(rgb[0], rgb[1], rgb[2]).to_linear());
+        own.y.atan2(own.x).to_degrees()
     };
     let apart = (angle(a) - angle(b)).rem_euclid(360.0);
     apart.min(360.0 - apart)

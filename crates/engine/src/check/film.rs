@@ -80,14 +80,24 @@ pub(super) struct Tap(Arc<Mutex<Taken>>);
 
 impl Tap {
     pub(super) fn tapped(&self, feed: CameraFeed<'static>) -> CameraFeed<'static> {
-        let every = (feed.announced.unwrap_or(KEPT) / KEPT).max(1);
+        let mut every = (feed.announced.unwrap_or(KEPT) / KEPT).max(1);
+        let from = every / 2;
         let taken = Arc::clone(&self.0);
         let frames = feed.frames.enumerate().map(move |(k, item)| {
             if let Ok(TimedFrame { t_ns, frame }) = &item {
                 let mut taken = taken.lock().unwrap_or_else(PoisonError::into_inner);
                 taken.stamps_ns.push(*t_ns);
-                if k % every == every / 2 {
+                if k % every == from {
                     taken.frames.push((*t_ns, frame.clone()));
+                }
+                // A film may be longer than it announces, or announce nothing.
+                if taken.frames.len() > 2 * KEPT {
+                    let mut place = 0;
+                    taken.frames.retain(|_| {
+                        place += 1;
+                        place % 2 == 1
+                    });
+                    every *= 2;
                 }
             }
             item
@@ -218,6 +228,28 @@ pub(super) fn disc_rgb(frame: &Frame, at: Vector2<f64>, diameter_px: f64) -> [u8
 }
 
 /// Linear light in the plane perpendicular to grey.
-pub(super) fn hue([r, g, b]: [f64; 3]) -> Vector2<f64> {
+pub(crate) fn hue([r, g, b]: [f64; 3]) -> Vector2<f64> {
     Vector2::new(r - 0.5 * (g + b), 0.75_f64.sqrt() * (g - b))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_film_that_announces_no_length_leaves_few_frames_evenly_spread() {
+        let size = ImageSize { width_px: 2, height_px: 2 };
+        let frame = move |k: i64| {
+            let frame = Frame::from_rgb(size, vec![0; 12]).unwrap();
+            Ok(TimedFrame { t_ns: k, frame })
+        };
+        let tap = Tap::default();
+        let feed = tap.tapped(CameraFeed::new("a", None, Box::new((0..5000).map(frame))));
+        assert_eq!(feed.frames.count(), 5000);
+        let taken = tap.finish();
+        let at: Vec<i64> = taken.frames.iter().map(|(t_ns, _)| *t_ns).collect();
+        assert!((KEPT..=2 * KEPT).contains(&at.len()) && at[at.len() - 1] > 4800, "{at:?}");
+        assert!(at.windows(2).all(|pair| pair[1] - pair[0] == at[1] - at[0]), "{at:?}");
+        assert_eq!(taken.stamps_ns.len(), 5000);
+    }
 }

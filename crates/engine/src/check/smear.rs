@@ -105,7 +105,8 @@ fn slope(pairs: &[(f64, f64)], mut speeds: Vec<f64>, step_s: f64) -> Option<Expo
     let std_s = (0.5 * std_s2 / exposure_s.max(f64::MIN_POSITIVE)).min(std_s2.sqrt());
     speeds.sort_by(f64::total_cmp);
     let quick_px_s = *speeds.get(((1.0 - QUICK) * speeds.len() as f64) as usize)?;
-    let is_one = exposure_s - SURE * std_s <= step_s && std_s < step_s;
+    // Without looking it is known to be between nothing and a frame: to a standard deviation of step/√12.
+    let is_one = exposure_s - SURE * std_s <= step_s && std_s < step_s / 12.0_f64.sqrt();
     is_one.then_some(Exposure { exposure_s, std_s, quick_px_s })
 }
 

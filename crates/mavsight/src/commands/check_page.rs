@@ -2,6 +2,7 @@
 
 use anyhow::Result;
 use mavsight_engine::{CameraCheck, CheckItem, Harm, SessionCheck, Shot};
+use mavsight_flight::Color;
 use mavsight_geometry::{ImageSize, Vector2};
 use mavsight_report::{Figure, Report, ReportSection, Table, picture_address, render};
 use mavsight_session::write_whole;
@@ -248,10 +249,8 @@ impl Cut {
 /// Linear light in the plane perpendicular to grey, as the detection compares colours, with its length over the
 /// strongest channel.
 fn hue(rgb: [u8; 3]) -> Option<(f64, f64)> {
-    let [r, g, b] = rgb.map(|code| {
-        let s = f64::from(code) / 255.0;
-        if s <= 0.040_45 { s / 12.92 } else { ((s + 0.055) / 1.055).powf(2.4) }
-    });
+    let [red, green, blue] = rgb;
+    let [r, g, b] = Color::new(red, green, blue).to_linear();
     let most = r.max(g).max(b);
     let (x, y) = (r - 0.5 * (g + b), 0.75_f64.sqrt() * (g - b));
     (most > 0.0).then(|| (x / most, y / most))
