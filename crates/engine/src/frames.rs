@@ -26,12 +26,18 @@ pub fn camera_feeds(session: &Session) -> Result<Vec<CameraFeed<'static>>, Engin
 pub(crate) fn feed_of(camera: &SessionCamera, is_first: bool, source: FrameSource) -> CameraFeed<'static> {
     let name = camera.name.clone();
     let (announced, readout, size) = (source.declared_frames(), source.readout(), source.size());
+    let may_be_reordered = source.may_be_reordered();
     let frames = source.map(move |item| {
         item.map(|(t_ns, frame)| TimedFrame { t_ns, frame })
             .map_err(|e| PipelineError::Source { camera: name.clone(), source: Box::new(e) })
     });
     let (clock, readout) = (clock_of(camera, is_first, size), readout.into());
-    CameraFeed { clock, readout, ..CameraFeed::new(camera.name.clone(), announced, Box::new(frames)) }
+    CameraFeed {
+        clock,
+        readout,
+        may_be_reordered,
+        ..CameraFeed::new(camera.name.clone(), announced, Box::new(frames))
+    }
 }
 
 /// What a session says of a camera's clock. The first camera's is the reference.

@@ -47,13 +47,24 @@ pub struct CameraFeed<'a> {
     /// The clap in the recording's sound, where the estimation of clocks starts from one that all cameras
     /// heard.
     pub clap: Option<Clap>,
+    /// Whether the encoder may have predicted frames from those before and after them.
+    pub may_be_reordered: bool,
 }
 
 impl<'a> CameraFeed<'a> {
     /// A camera whose time stamps are true.
     pub fn new(name: impl Into<String>, announced: Option<usize>, frames: Frames<'a>) -> Self {
         let clock = ClockPrior::known(CameraClock::default());
-        Self { name: name.into(), announced, frames, clock, readout: Vector2::y(), flash: false, clap: None }
+        Self {
+            name: name.into(),
+            announced,
+            frames,
+            clock,
+            readout: Vector2::y(),
+            flash: false,
+            clap: None,
+            may_be_reordered: false,
+        }
     }
 }
 

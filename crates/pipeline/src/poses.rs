@@ -2,7 +2,9 @@
 
 use crate::tracked::Tracked;
 use mavsight_geometry::Isometry3;
-use mavsight_pose::{MarkerObservation, PoseError, PoseEstimate, PoseEstimator, PoseSample};
+use mavsight_pose::{
+    MarkerObservation, PoseError, PoseEstimate, PoseEstimator, PoseSample, displacements_of_reordered_frames,
+};
 
 pub(crate) fn pose_at(
     estimator: &PoseEstimator,
@@ -25,7 +27,20 @@ pub(crate) fn poses_anew(estimator: PoseEstimator, tracked: &mut Tracked) -> Res
     let estimator = estimator.with_centre_bias(bias_px)?;
     estimate_all(&estimator, tracked, condensed);
     tracked.estimator = Some(estimator);
+    if tracked.may_be_reordered {
+        allow_for_displacements(tracked);
+    }
     Ok(())
+}
+
+fn allow_for_displacements(tracked: &mut Tracked) {
+    let displacements = displacements_of_reordered_frames(&tracked.poses);
+    for (pose, displaced) in tracked.poses.iter_mut().zip(&displacements) {
+        if let Ok(estimate) = &mut pose.estimate {
+            *estimate = estimate.clone().with_systematic_column(displaced);
+        }
+    }
+    tracked.displacements = displacements.iter().map(|by| by.map(|v| v as f32)).collect();
 }
 
 /// The same for poses of other cameras and markers than those that are there.

@@ -97,7 +97,12 @@ fn systematic_effects(tracked: &Tracked) -> impl Fn(usize) -> Option<Matrix6xX<f
         let pose = &tracked.poses[k];
         let mut seen = seen.borrow_mut();
         tracked.observations.at(pose.t_ns, &mut seen);
-        tracked.estimator.as_ref()?.systematic_effects(&seen, pose.estimate.as_ref().ok()?)
+        let effects = tracked.estimator.as_ref()?.systematic_effects(&seen, pose.estimate.as_ref().ok()?)?;
+        let Some(displaced) = tracked.displacements.get(k) else { return Some(effects) };
+        let at = effects.ncols();
+        let mut effects = effects.insert_column(at, 0.0);
+        effects.set_column(at, &displaced.map(f64::from));
+        Some(effects)
     }
 }
 

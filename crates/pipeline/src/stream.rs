@@ -109,6 +109,8 @@ pub(crate) struct Stream {
     pub(crate) brightness: Option<Vec<f32>>,
     /// The clap in its sound, where one is listened for.
     pub(crate) clap: Option<Clap>,
+    /// Whether the encoder may have predicted frames from those before and after them.
+    pub(crate) may_be_reordered: bool,
     faults: Faults,
 }
 
@@ -136,6 +138,7 @@ impl Stream {
             readout,
             brightness: None,
             clap: None,
+            may_be_reordered: false,
             faults: Faults::default(),
         }
     }

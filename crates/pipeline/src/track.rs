@@ -69,6 +69,7 @@ pub fn track_with(
                 let mut stream = Stream::new(camera, feed.name.clone(), feed.clock, feed.readout);
                 stream.brightness = feed.flash.then(Vec::new);
                 stream.clap = feed.clap;
+                stream.may_be_reordered = feed.may_be_reordered;
                 stream.reserve(feed.announced.unwrap_or(0), vehicle.marker.len());
                 scope.spawn(move || fetch(feed, &frame_out));
                 let watched = (camera == 0).then_some(progress);
@@ -158,6 +159,7 @@ fn joined(
     let pictures: Vec<TimedFrame> = pictures.collect();
     let sizes: Vec<_> = rig.cameras.iter().map(|c| c.camera.size).collect();
     let mut all = Reconstruction::new(rig, vehicle);
+    all.tracked.may_be_reordered = streams.iter().any(|s| s.may_be_reordered);
     let instants = streams.iter().map(|s| s.stamps_ns.len()).max().unwrap_or(0);
     all.tracked.reserve(instants, streams.len() * vehicle.marker.len());
     let mut associator = FlightAssociator::new(rig, vehicle)?;

@@ -3,6 +3,7 @@
 use crate::health::{CameraHealth, CentreQuality};
 use crate::{Finding, TimedFrame};
 use mavsight_pose::{ClockEstimate, Observations, PoseEstimator, PoseSample};
+use nalgebra::Vector6;
 
 /// What tracking yields.
 #[derive(Debug, Clone, Default)]
@@ -13,6 +14,11 @@ pub struct Tracked {
     pub diameters_px: Vec<f32>,
     /// One sample an instant, empty where it could not be measured.
     pub poses: Vec<PoseSample>,
+    /// Whether an encoder may have predicted frames of some camera from those before and after them.
+    pub may_be_reordered: bool,
+    /// How far poses may be displaced together by such frames, one for each pose
+    /// ([`mavsight_pose::displacements_of_reordered_frames`]); none where there are none.
+    pub displacements: Vec<Vector6<f32>>,
     /// What the poses were estimated with at last; none where they come from elsewhere.
     pub estimator: Option<PoseEstimator>,
     /// The cameras' clocks; none where the observations came from elsewhere.

@@ -13,6 +13,7 @@ mod moving;
 mod observations;
 mod precision;
 mod refine;
+mod reordered_frames;
 mod reprojection;
 mod select;
 mod smoother;
@@ -44,6 +45,7 @@ pub use precision::{
     volume_precision,
 };
 pub use refine::{FlightPrior, RefinedFlight, refine_flight};
+pub use reordered_frames::displacements_of_reordered_frames;
 pub use select::{Selection, select_control_balls};
 pub use smoother::{
     CausalFilter, Doubts, EffectsOf, JerkNoise, Motion, MotionCovariance, MotionNoise, MotionSample,

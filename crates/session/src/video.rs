@@ -33,6 +33,9 @@ pub(crate) struct Opened {
     pub(crate) declared_s: Option<f64>,
     /// Quarters by which the container has frames turned clockwise.
     pub(crate) quarters: u8,
+    /// Whether frames are coded in another order than they are shown, so that some are predicted from both sides; none where the
+    /// container does not say it.
+    pub(crate) is_reordered: Option<bool>,
     pub(crate) frames: Frames,
 }
 
@@ -116,6 +119,12 @@ impl FrameSource {
     pub fn declared_frames(&self) -> Option<usize> {
         let fields = if self.fields.is_some() { 2 } else { 1 };
         self.opened.declared.map(|n| n * fields)
+    }
+
+    /// Whether some frames may be predicted from those before and after them: the recording has them in another order than they
+    /// are shown, or a container of which that is not known.
+    pub fn may_be_reordered(&self) -> bool {
+        self.opened.is_reordered.unwrap_or(true)
     }
 
     /// Unit vector (u, v) in the image along which the sensor's rows follow each other.

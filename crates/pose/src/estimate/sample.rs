@@ -99,6 +99,19 @@ impl PoseEstimate {
         Self { systematic, ..self }
     }
 
+    /// Adds one more independent direction of systematic error, as one standard deviation. It is the same direction in all poses
+    /// of a flight.
+    #[must_use]
+    pub fn with_systematic_column(self, column: &Vector6<f64>) -> Self {
+        let is_condensed = self.is_condensed();
+        let columns = self.systematic();
+        let at = columns.ncols();
+        let mut columns = columns.insert_column(at, 0.0);
+        columns.set_column(at, &column.map(|v| v as f32));
+        let more = self.with_systematic(&columns);
+        if is_condensed { more.condensed() } else { more }
+    }
+
     /// States which markers entered, which were left out, and the residual that they leave.
     #[must_use]
     pub fn by_markers(self, markers_used: MarkerSet, left_out: MarkerSet, residual_px: f64) -> Self {
@@ -241,6 +254,12 @@ mod tests {
         assert_eq!((few.systematic_columns(), few.own_covariance()), (6, many.own_covariance()));
         assert!(close(&few.covariance(), &many.covariance(), 3e-7));
         assert_eq!(few.systematic()[(0, 1)], 0.0);
+        let further = Vector6::from_fn(|i, _| scale[i] * wave(3 * i));
+        for pose in [&many, &few] {
+            let more = pose.clone().with_systematic_column(&further);
+            assert!(close(&more.covariance(), &(own + sum + further * further.transpose()), 1e-6));
+            assert_eq!(more.is_condensed(), pose.is_condensed());
+        }
         let new = many.clone().all_new();
         assert_eq!((new.systematic_columns(), new.own_covariance()), (0, many.covariance()));
         // Two directions alone have a root of two columns.

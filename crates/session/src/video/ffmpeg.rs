@@ -58,7 +58,7 @@ pub(crate) fn open(path: &Path, ffmpeg: &str, reason: &str) -> Result<Opened, Se
     let listener = Listener::new(stderr);
     let frames =
         FfmpegFrames { path: path.to_owned(), child, stdout, listener, size, planes, read: 0, ended: false };
-    Ok(Opened { size, declared: None, declared_s, quarters, frames: Box::new(frames) })
+    Ok(Opened { size, declared: None, declared_s, quarters, is_reordered: None, frames: Box::new(frames) })
 }
 
 pub(super) struct Process {

@@ -81,7 +81,14 @@ pub(crate) fn open(path: &Path, frame_rate_hz: Option<f64>) -> Result<Opened, Se
         let frame = frame_of_size(&pattern.file(number), size).map(|frame| (t_ns, frame));
         gap.into_iter().chain(std::iter::once(frame))
     });
-    Ok(Opened { size, declared, declared_s: None, quarters: 0, frames: Box::new(frames) })
+    Ok(Opened {
+        size,
+        declared,
+        declared_s: None,
+        quarters: 0,
+        is_reordered: Some(false),
+        frames: Box::new(frames),
+    })
 }
 
 fn frame_of_size(file: &Path, size: ImageSize) -> Result<Frame, SessionError> {

@@ -78,7 +78,8 @@ pub(crate) fn open(path: &Path) -> Result<Opened, Failure> {
     let mut frames = Mp4Frames::new(path, reader, avc1, whole);
     frames.decode_next()?;
     let (size, declared) = (frames.size, Some(declared));
-    Ok(Opened { size, declared, declared_s: None, quarters, frames: Box::new(frames) })
+    let is_reordered = Some(frames.ranks.iter().enumerate().any(|(place, rank)| place != *rank));
+    Ok(Opened { size, declared, declared_s: None, quarters, is_reordered, frames: Box::new(frames) })
 }
 
 /// Length of the file before the media data at its end were cut off: where that box says that it ends, or the

@@ -152,7 +152,14 @@ pub(super) fn open(path: &Path) -> Result<Opened, SessionError> {
     let frames = Y4mFrames::new(BufReader::with_capacity(1 << 16, file)).map_err(broken)?;
     let size = frames.header.size;
     let frames = Recorded { path: path.to_owned(), frames, ended: false };
-    Ok(Opened { size, declared: None, declared_s: None, quarters: 0, frames: Box::new(frames) })
+    Ok(Opened {
+        size,
+        declared: None,
+        declared_s: None,
+        quarters: 0,
+        is_reordered: Some(false),
+        frames: Box::new(frames),
+    })
 }
 
 struct Recorded {
