@@ -81,6 +81,7 @@ fn estimate_all(estimator: &PoseEstimator, tracked: &mut Tracked, kept: impl Fn(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::solve::systematic_columns;
     use crate::testing::carried::{SMALL, TWO, rig_at, seen_by};
     use crate::{Refinement, body_markers, refine};
     use mavsight_flight::Vehicle;
@@ -161,6 +162,28 @@ mod tests {
             let (_, [before, after]) = shown(STD_PX, draw);
             assert!(after.0 > 2.0 * before.0, "draw {draw}: {before:?} then {after:?}");
             assert!(after.1 < 1.1 * before.1, "draw {draw}: {before:?} then {after:?}");
+        }
+    }
+
+    /// What the encoder leaves open is in the poses' covariances and in the columns that say how they err together.
+    #[test]
+    fn poses_from_reordered_frames_may_be_displaced_together() {
+        let (rig, body) = (rig(), body_markers(&Vehicle::paper()));
+        let [as_shown, reordered] = [false, true].map(|may_be_reordered| {
+            let mut tracked = Tracked { may_be_reordered, ..tracked(&rig, &body, 0.0, 0) };
+            poses_anew(PoseEstimator::new(&rig, &body), &mut tracked).unwrap();
+            tracked
+        });
+        let (without, with) = (systematic_columns(&as_shown), systematic_columns(&reordered));
+        assert_eq!(without.len(), with.len());
+        for ((k, without), (_, with)) in std::iter::zip(without, with) {
+            let by = reordered.displacements[k];
+            assert_eq!(without.ncols() + 1, with.ncols());
+            assert!(by.norm() > 0.0 && with.column(without.ncols()) == by);
+            let covariance = |t: &Tracked| t.poses[k].estimate.as_ref().unwrap().covariance();
+            let more = covariance(&reordered) - covariance(&as_shown);
+            let expected = by.map(f64::from);
+            assert!((more - expected * expected.transpose()).norm() < 1e-3 * expected.norm_squared());
         }
     }
 
