@@ -19,7 +19,7 @@ pub use smear::Exposure;
 
 use crate::calibration::{rig_of, sizes_of};
 use crate::{EngineError, camera_feeds};
-use film::{Film, Seen, Tap, first_part};
+use film::{Film, Part, Seen, Tap};
 use mavsight_flight::Vehicle;
 use mavsight_geometry::ImageSize;
 use mavsight_pipeline::{CameraFeed, Progress, Tracked};
@@ -132,48 +132,68 @@ fn look_into(session: &Session, progress: &dyn Progress, out: &mut SessionCheck)
     }
     out.items.extend(control::look(session, &rig, &mut out.cameras));
     if let Err(error) = sizes_of(session, &rig) {
-        let turned = trials::turned_recording(session, &rig, progress);
+        let look = Look { session, rig: &rig, part: Part::First, progress };
+        let turned = trials::turned_recording(&look);
         out.items.push(turned.unwrap_or_else(|| items::of_error(&EngineError::Input(error))));
         return;
     }
-    match filmed(session, &rig, &session.vehicle, progress, |_, feed| feed) {
-        Ok(film) => of_film(session, &rig, &film, progress, out),
-        Err(error) => out.items.push(items::of_error(&error)),
+    let before = std::mem::take(out);
+    for part in [Part::First, Part::Long] {
+        let look = Look { session, rig: &rig, part, progress };
+        *out = before.clone();
+        match look.film(&session.vehicle, |_, feed| feed) {
+            Ok(film) => of_film(&look, &film, out),
+            Err(error) => out.items.push(items::of_error(&error)),
+        }
+        let is_whole = out.cameras.iter().all(|c| c.announced.is_some_and(|n| n <= c.frames));
+        if is_whole || out.items.is_empty() {
+            break;
+        }
+    }
+    out.items.extend(out.cameras.iter().filter_map(items::of_part));
+}
+
+/// A part of the films of a session whose cameras are calibrated.
+struct Look<'a> {
+    session: &'a Session,
+    rig: &'a Rig,
+    part: Part,
+    progress: &'a dyn Progress,
+}
+
+impl Look<'_> {
+    /// Tracks all cameras with a vehicle, each feed passed through a function, and keeps some frames.
+    fn film(
+        &self,
+        vehicle: &Vehicle,
+        through: impl Fn(usize, CameraFeed<'static>) -> CameraFeed<'static>,
+    ) -> Result<Film, EngineError> {
+        let cameras = &self.rig.cameras;
+        let taps: Vec<Tap> = cameras.iter().map(|_| Tap::default()).collect();
+        let feeds = camera_feeds(self.session)?.into_iter().zip(&taps).enumerate();
+        let feeds = feeds
+            .map(|(k, (feed, tap))| tap.tapped(through(k, self.part.of(feed, cameras[k].camera.size))))
+            .collect();
+        let mut seen = Vec::new();
+        let tracked = mavsight_pipeline::track_with(feeds, self.rig, vehicle, self.progress, |instant| {
+            let marker = |index: usize| {
+                instant.association.pairs.iter().find(|(of, _)| *of == index).map(|(_, marker)| *marker)
+            };
+            seen.extend(instant.seen.iter().enumerate().map(|(k, d)| Seen {
+                t_ns: instant.t_ns,
+                detection: *d,
+                marker: marker(k),
+            }));
+        })?;
+        Ok(Film { tracked, seen, taps: taps.into_iter().map(Tap::finish).collect() })
     }
 }
 
-/// Tracks all cameras of a session with a vehicle, each feed passed through a function, and keeps some frames.
-fn filmed(
-    session: &Session,
-    rig: &Rig,
-    vehicle: &Vehicle,
-    progress: &dyn Progress,
-    through: impl Fn(usize, CameraFeed<'static>) -> CameraFeed<'static>,
-) -> Result<Film, EngineError> {
-    let taps: Vec<Tap> = rig.cameras.iter().map(|_| Tap::default()).collect();
-    let feeds = camera_feeds(session)?.into_iter().zip(&taps).enumerate();
-    let feeds = feeds
-        .map(|(k, (feed, tap))| tap.tapped(through(k, first_part(feed, rig.cameras[k].camera.size))))
-        .collect();
-    let mut seen = Vec::new();
-    let tracked = mavsight_pipeline::track_with(feeds, rig, vehicle, progress, |instant| {
-        let marker = |index: usize| {
-            instant.association.pairs.iter().find(|(of, _)| *of == index).map(|(_, marker)| *marker)
-        };
-        seen.extend(instant.seen.iter().enumerate().map(|(k, d)| Seen {
-            t_ns: instant.t_ns,
-            detection: *d,
-            marker: marker(k),
-        }));
-    })?;
-    Ok(Film { tracked, seen, taps: taps.into_iter().map(Tap::finish).collect() })
-}
-
-fn of_film(session: &Session, rig: &Rig, film: &Film, progress: &dyn Progress, out: &mut SessionCheck) {
+fn of_film(look: &Look<'_>, film: &Film, out: &mut SessionCheck) {
     let tracked = &film.tracked;
     for (k, camera) in out.cameras.iter_mut().enumerate() {
         let (Some(tap), Some(health)) = (film.taps.get(k), tracked.health.get(k)) else { continue };
-        camera.shots = film.shots(k, &session.vehicle, rig);
+        camera.shots = film.shots(k, &look.session.vehicle, look.rig);
         camera.frames = tap.stamps_ns.len();
         (camera.rate_hz, camera.longest_step) = tap.rate();
         camera.seen = health.markers.iter().map(|m| m.seen).collect();
@@ -185,17 +205,9 @@ fn of_film(session: &Session, rig: &Rig, film: &Film, progress: &dyn Progress, o
     (out.pose_std, out.instants) = pose_std(tracked);
     let explained: Vec<CheckItem> = tracked.findings.iter().map(items::of_finding).collect();
     out.items.extend(explained);
-    out.items.extend(trials::dark_cameras(session, rig, film, progress));
+    out.items.extend(trials::dark_cameras(look, film));
     out.items.extend(smear::items(&out.cameras));
-    out.items.extend(markers::never_seen(session, rig, film, progress));
-    for camera in &out.cameras {
-        if let Some(announced) = camera.announced.filter(|n| *n > camera.frames && camera.rate_hz > 0.0) {
-            let s = |frames: usize| frames as f64 / camera.rate_hz;
-            let (looked_s, all_s) = (s(camera.frames), s(announced));
-            let text = format!("{}: the first {looked_s:.1} s of {all_s:.1} s were looked at.", camera.name);
-            out.items.push(CheckItem { harm: Harm::Remark, ..CheckItem::of_note(text) });
-        }
-    }
+    out.items.extend(markers::never_seen(look, film));
     let remark = |note: &String| CheckItem { harm: Harm::Remark, ..CheckItem::of_note(note.clone()) };
     out.items.extend(tracked.notes.iter().map(remark));
     if out.instants.0 == 0 && out.is_ready() {

@@ -12,15 +12,36 @@ const SHOTS: usize = 12;
 /// Of each of these, the next one is kept too where smear is measured: more frames, smaller errors.
 const KEPT: usize = 4 * SHOTS;
 
-/// Pixels of a camera that are looked at, from the film's beginning: what two cores decode and track in about fifteen
-/// seconds, of both cameras of a pair. These are 216 s of 640×480 at 30 frames/s, and 8 s of 3840×2160.
-const MOST_PX: usize = 2_000_000_000;
+/// How much of each film is looked at, from its beginning.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Part {
+    /// What is decoded and tracked in about a second. It is enough where there is nothing to say of it.
+    First,
+    /// What is decoded and tracked in about fifteen seconds, to find what is wrong.
+    Long,
+}
 
-/// The first part of a film that is long.
-pub(super) fn first_part(feed: CameraFeed<'static>, size: ImageSize) -> CameraFeed<'static> {
-    let most = MOST_PX / size.area_px().max(1);
-    let announced = feed.announced.map(|n| n.min(most));
-    CameraFeed { announced, frames: Box::new(feed.frames.take(most)), ..feed }
+impl Part {
+    /// Pixels of a camera: 3.3 s and 216 s of 640×480 at 30 frames/s.
+    fn most_px(self) -> usize {
+        match self {
+            Self::First => 30_000_000,
+            Self::Long => 2_000_000_000,
+        }
+    }
+
+    /// Frames of a size.
+    fn frames(self, size: ImageSize) -> usize {
+        // The slowest of the motions that clocks are found by takes a second.
+        const LEAST: usize = 45;
+        (self.most_px() / size.area_px().max(1)).max(LEAST)
+    }
+
+    pub(super) fn of(self, feed: CameraFeed<'static>, size: ImageSize) -> CameraFeed<'static> {
+        let most = self.frames(size);
+        let announced = feed.announced.map(|n| n.min(most));
+        CameraFeed { announced, frames: Box::new(feed.frames.take(most)), ..feed }
+    }
 }
 
 /// A frame with what was detected where and as what.

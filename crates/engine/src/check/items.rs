@@ -1,6 +1,6 @@
 //! What to mend, with its cause and its harm.
 
-use super::is_without_picture;
+use super::{CameraCheck, is_without_picture};
 use crate::EngineError;
 use mavsight_pipeline::{Cause, Finding, PipelineError};
 use mavsight_session::SessionError;
@@ -79,6 +79,15 @@ fn harm_of(cause: Cause) -> Harm {
 pub(super) fn of_finding(finding: &Finding) -> CheckItem {
     let harm = finding.causes.iter().map(|c| harm_of(*c)).min().unwrap_or(Harm::Follows);
     CheckItem { harm, causes: finding.causes.clone(), camera: finding.camera, text: finding.note.clone() }
+}
+
+/// That a part of a film was looked at.
+pub(super) fn of_part(camera: &CameraCheck) -> Option<CheckItem> {
+    let announced = camera.announced.filter(|n| *n > camera.frames && camera.rate_hz > 0.0)?;
+    let s = |frames: usize| frames as f64 / camera.rate_hz;
+    let (looked_s, all_s) = (s(camera.frames), s(announced));
+    let text = format!("{}: the first {looked_s:.1} s of {all_s:.1} s were looked at.", camera.name);
+    Some(CheckItem { harm: Harm::Remark, ..CheckItem::of_note(text) })
 }
 
 /// A recording that cannot be read.

@@ -1,12 +1,11 @@
 //! Markers that no camera has seen: of another colour than the file says, or not there.
 
 use super::film::{Film, coded, hue, ring_light};
-use super::{CheckItem, filmed};
+use super::{CheckItem, Look};
 use mavsight_flight::{Color, Vehicle};
 use mavsight_geometry::Vector2;
-use mavsight_pipeline::{Cause, Progress};
+use mavsight_pipeline::Cause;
 use mavsight_pose::Rig;
-use mavsight_session::Session;
 
 /// Share of a camera's frames up to which a marker counts as never seen: met by chance.
 const NEVER: f64 = 0.1;
@@ -16,28 +15,18 @@ const SEEN: f64 = 0.5;
 const SURE: f64 = 4.0;
 
 /// An item on each marker that no camera has seen while poses by the others show where it must be.
-pub(super) fn never_seen(
-    session: &Session,
-    rig: &Rig,
-    film: &Film,
-    progress: &dyn Progress,
-) -> Vec<CheckItem> {
-    let vehicle = &session.vehicle;
+pub(super) fn never_seen(look: &Look<'_>, film: &Film) -> Vec<CheckItem> {
+    let vehicle = &look.session.vehicle;
     let most = |marker: usize| {
         let of = |h: &mavsight_pipeline::CameraHealth| h.markers.get(marker).map_or(0.0, |m| m.seen);
         film.tracked.health.iter().map(of).fold(0.0, f64::max)
     };
     let unseen = (0..vehicle.marker.len()).filter(|m| most(*m) <= NEVER);
-    unseen.filter_map(|marker| explained(session, rig, film, marker, progress)).collect()
+    unseen.filter_map(|marker| explained(look, film, marker)).collect()
 }
 
-fn explained(
-    session: &Session,
-    rig: &Rig,
-    film: &Film,
-    marker: usize,
-    progress: &dyn Progress,
-) -> Option<CheckItem> {
+fn explained(look: &Look<'_>, film: &Film, marker: usize) -> Option<CheckItem> {
+    let Look { session, rig, .. } = look;
     let name = &session.vehicle.marker[marker].name;
     let nominal = session.vehicle.marker[marker].color;
     let (light, is_sure, looks) = colour_there(rig, film, &session.vehicle, marker)?;
@@ -47,7 +36,7 @@ fn explained(
         let mut vehicle = session.vehicle.clone();
         vehicle.marker[marker].color = proposed;
         // The same frames once more, by the colour that they have there.
-        if let Ok(again) = filmed(session, rig, &vehicle, progress, |_, feed| feed) {
+        if let Ok(again) = look.film(&vehicle, |_, feed| feed) {
             let seen = again.tracked.health.iter().filter_map(|h| h.markers.get(marker)).map(|m| m.seen);
             let seen = seen.fold(0.0, f64::max);
             if seen >= SEEN {

@@ -1,11 +1,11 @@
 //! What may be wrong with frames, undone: the same calls are made again, and what mends them is the cause.
 
 use super::film::{Film, coded, linear};
-use super::{CheckItem, filmed};
+use super::{CheckItem, Look};
 use crate::EngineError;
 use crate::calibration::objects_with;
 use mavsight_pipeline::{CameraFeed, Cause, PipelineError, Progress, TimedFrame};
-use mavsight_pose::{PoseEstimate, Rig};
+use mavsight_pose::PoseEstimate;
 use mavsight_session::Session;
 use mavsight_vision::Frame;
 
@@ -48,7 +48,8 @@ pub(super) fn of_calibration(
 }
 
 /// A recording whose size is that of its still lying on its side: which quarter turn makes poses of it.
-pub(super) fn turned_recording(session: &Session, rig: &Rig, progress: &dyn Progress) -> Option<CheckItem> {
+pub(super) fn turned_recording(look: &Look<'_>) -> Option<CheckItem> {
+    let Look { session, rig, .. } = look;
     let is_on_its_side = |k: &usize| {
         let Ok(size) = session.image_size(*k) else { return false };
         let own = rig.cameras[*k].camera.size;
@@ -60,7 +61,7 @@ pub(super) fn turned_recording(session: &Session, rig: &Rig, progress: &dyn Prog
     let mut tried: Vec<(u8, f64)> = Vec::new();
     for quarters in [1u8, 3] {
         let sides = on_side.clone();
-        let film = filmed(session, rig, &session.vehicle, progress, move |k, feed| {
+        let film = look.film(&session.vehicle, move |k, feed| {
             if sides.contains(&k) { altered(feed, move |frame| frame.turned(quarters)) } else { feed }
         });
         if let Ok(film) = film {
@@ -117,12 +118,8 @@ fn seen(film: &Film, camera: usize) -> f64 {
 const SEES_LITTLE: f64 = 0.5;
 
 /// Cameras whose markers appear when their light is raised to that of their stills, or of another camera.
-pub(super) fn dark_cameras(
-    session: &Session,
-    rig: &Rig,
-    film: &Film,
-    progress: &dyn Progress,
-) -> Vec<CheckItem> {
+pub(super) fn dark_cameras(look: &Look<'_>, film: &Film) -> Vec<CheckItem> {
+    let Look { session, rig, .. } = look;
     let is_named = |k: usize| {
         film.tracked.findings.iter().any(|f| f.camera == Some(k) && f.cause() == Some(Cause::CameraDark))
     };
@@ -141,7 +138,7 @@ pub(super) fn dark_cameras(
             continue;
         }
         let table: [u8; 256] = std::array::from_fn(|code| coded(gain * linear(code as u8)));
-        let lit = filmed(session, rig, &session.vehicle, progress, move |j, feed| {
+        let lit = look.film(&session.vehicle, move |j, feed| {
             if j == k { altered(feed, move |frame| by_table(&frame, &table)) } else { feed }
         });
         let Ok(lit) = lit else { continue };
