@@ -1,14 +1,16 @@
 """Thrust curve, motor lag and yaw of a Crazyflie by least squares on a grid of lags, beside the values of `mavsight identify`.
 
-Usage: grid.py TABLE.csv FIT_FROM..TO HELD_OUT_FROM..TO [PARAMETERS.csv]
+Usage: grid.py TABLE.csv FIT_FROM..TO[,FROM..TO] HELD_OUT_FROM..TO[,FROM..TO] [PARAMETERS.csv]
 
 TABLE.csv has t_s, motor_1 to motor_4, acc_z_m_s2 and gyro_z_rad_s (`mavsight convert log10 table.csv --preset crazyflie --input ...`,
 docs/logs.md), PARAMETERS.csv is that of `mavsight identify --out`. Needs numpy and scipy.
 
-For each time constant of a grid the motors follow their commands with a first-order lag; specific force is linear in the
-coefficients of the thrust curve, and the change of the yaw rate in torque factor over inertia and a constant. The time constant with the smallest
-residuals is kept (Eschmann, Albani & Loianno 2024). Printed are root mean square errors of one-step predictions on the part that
-was not fitted: specific force, and yaw acceleration from one sample to the next, for both sets of values.
+For each time constant of a grid the motors follow their commands with a first-order lag; specific force is linear in the coefficients
+of the thrust curve, and the change of the yaw rate in those of the torque, of the rotors' gain of speed, of the yaw rate and in a
+constant, as in crazyflie.toml. The time constant with the smallest residuals of the specific force is kept (Eschmann, Albani & Loianno
+2024). Printed are root mean square errors of one-step predictions on the part that was not fitted: specific force, and yaw
+acceleration over YAW_STEPS; of the values of `mavsight identify` also by how much the mean squares are more than those of the grid, with
+the standard error of that over seconds of the flight.
 """
 
 import csv
@@ -20,6 +22,8 @@ from scipy.signal import lfilter
 
 STEP_S = 0.005
 MASS_KG = 0.027
+# Command of hover.
+HOVER = 0.6
 SIGNS = numpy.array([1.0, -1.0, 1.0, -1.0])
 # Yaw acceleration is the change of the yaw rate over this, as that of one sample is noise.
 YAW_STEPS = 10
@@ -73,13 +77,15 @@ def mean_over_change(x):
 def predicted(data, tau_s, curve, yaw):
     _, motors, _, _ = data
     thrust = features(motors, tau_s) @ curve
-    return -thrust.sum(axis=1) / MASS_KG, of_yaw(motors, tau_s, curve) @ yaw
+    return -thrust.sum(axis=1) / MASS_KG, of_yaw(data, tau_s) @ yaw
 
 
-def of_yaw(motors, tau_s, curve):
-    """What the yaw acceleration is linear in."""
-    thrust = features(motors, tau_s) @ curve
-    return numpy.stack([mean_over_change(thrust @ SIGNS), numpy.ones(len(motors))], axis=1)
+def of_yaw(data, tau_s):
+    """What the yaw acceleration is linear in: torque, gain of the rotors' speed, drag, a constant."""
+    _, motors, _, rate = data
+    m = lagged(motors, tau_s)
+    columns = [m @ SIGNS, (motors - m) @ SIGNS / tau_s, -rate, numpy.ones(len(rate))]
+    return numpy.stack([mean_over_change(column) for column in columns], axis=1)
 
 
 def fit(data, chosen):
@@ -98,39 +104,69 @@ def fit(data, chosen):
     tau_s = minimize_scalar(lambda t: solved(t)[1], bounds=(0.8 * best, 1.25 * best), method="bounded").x
     curve, _ = solved(tau_s)
     known = chosen & numpy.isfinite(change)
-    yaw, *_ = numpy.linalg.lstsq(of_yaw(motors, tau_s, curve)[known], change[known], rcond=None)
+    yaw, *_ = numpy.linalg.lstsq(of_yaw(data, tau_s)[known], change[known], rcond=None)
     return tau_s, curve, yaw
 
 
-def errors(data, values, chosen):
-    _, _, force, rate = data
+def squared_errors(data, values, chosen):
+    """Of specific force and yaw acceleration, with the second of the flight that each is of."""
+    t_s, _, force, rate = data
     of_force, of_change = predicted(data, *values)
     change = yaw_change(rate)
     known = chosen & numpy.isfinite(change)
-    rms = [numpy.sqrt(numpy.mean((a - b) ** 2)) for a, b in ((of_force[chosen], force[chosen]), (of_change[known], change[known]))]
-    return rms
+    seconds = numpy.floor(t_s).astype(int)
+    return [
+        ((of_force[chosen] - force[chosen]) ** 2, seconds[chosen]),
+        ((of_change[known] - change[known]) ** 2, seconds[known]),
+    ]
+
+
+def compared(own, other):
+    """By how much the mean of squares is more than another's, of that, and its standard error from the means of seconds."""
+    more, seconds = own[0] - other[0], own[1]
+    blocks = numpy.array([more[seconds == s].sum() for s in numpy.unique(seconds)])
+    error = numpy.std(blocks, ddof=1) * numpy.sqrt(len(blocks)) / len(more)
+    return f"{100 * more.mean() / other[0].mean():+.1f} ± {100 * error / other[0].mean():.1f} %"
 
 
 def parameters(path):
+    """The values of each estimator."""
     with open(path, newline="") as file:
-        rows = {row["parameter"]: float(row["value"]) for row in csv.DictReader(file) if row["estimator"] == "oe" and row["value"]}
-    return rows["tau"], numpy.array([rows[f"T_{k}"] for k in range(3)]), numpy.array([rows["yaw"], rows["yaw_0"]])
+        rows = [row for row in csv.DictReader(file) if row["value"]]
+    out = {}
+    for name in sorted({row["estimator"] for row in rows}):
+        own = {row["parameter"]: float(row["value"]) for row in rows if row["estimator"] == name}
+        curve = numpy.array([own[f"T_{k}"] for k in range(3)])
+        out[f"mavsight {name}"] = (own["tau"], curve, numpy.array([own[k] for k in ("yaw", "spin", "yaw_drag", "yaw_0")]))
+    return out
+
+
+def parts(t_s, text):
+    chosen = numpy.zeros(len(t_s), bool)
+    for part in text.split(","):
+        from_s, to_s = (float(x) for x in part.split(".."))
+        chosen |= (t_s >= from_s) & (t_s <= to_s)
+    return chosen
 
 
 def main():
     data = table(sys.argv[1])
-    parts = [tuple(float(x) for x in text.split("..")) for text in sys.argv[2:4]]
-    fitted, held_out = [(data[0] >= from_s) & (data[0] <= to_s) for from_s, to_s in parts]
+    fitted, held_out = [parts(data[0], text) for text in sys.argv[2:4]]
     sets = {"grid": fit(data, fitted)}
     if len(sys.argv) > 4:
-        sets["mavsight"] = parameters(sys.argv[4])
-    for name, values in sets.items():
-        tau_s, curve, yaw = values
-        force, change = errors(data, values, held_out)
+        sets |= parameters(sys.argv[4])
+    reference = squared_errors(data, sets["grid"], held_out)
+    for name, (tau_s, curve, yaw) in sets.items():
+        of_force, of_yaw_change = squared_errors(data, (tau_s, curve, yaw), held_out)
+        inertia = (curve[1] + 2 * HOVER * curve[2]) / yaw[0]
         print(
-            f"{name:9} tau {tau_s:.4f} s, T_0 {curve[0]:+.4f}, T_1 {curve[1]:+.4f}, T_2 {curve[2]:+.4f} N, "
-            f"1/yaw {1.0 / yaw[0]:+.3e} kg m; held out: specific force {force:.3f} m/s2, yaw acceleration {change:.2f} rad/s2"
+            f"{name:11} tau {tau_s:.4f} s, T_0 {curve[0]:+.4f}, T_1 {curve[1]:+.4f}, T_2 {curve[2]:+.4f} N, yaw inertia over "
+            f"torque factor {inertia:.2e} kg m\n"
+            f"            held out: specific force {numpy.sqrt(of_force[0].mean()):.3f} m/s2, yaw acceleration "
+            f"{numpy.sqrt(of_yaw_change[0].mean()):.2f} rad/s2"
         )
+        if name != "grid":
+            print(f"            squares over the grid's: {compared(of_force, reference[0])}, {compared(of_yaw_change, reference[1])}")
 
 
 if __name__ == "__main__":

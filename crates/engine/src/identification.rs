@@ -1,6 +1,6 @@
 //! From poses to motion and parameters.
 
-use crate::log_clock::LogBesidePoses;
+use crate::log_clock::{LogBesidePoses, sensors_of_log};
 use crate::parts::{held_long, longest_without_gap, part_covered, part_without_gap, with_part};
 use crate::weight::mass_in_grams;
 use crate::{EngineError, Flight};
@@ -109,6 +109,8 @@ fn identify_beside_log(
     }
     if flight.options.motion_fits != MotionFits::NONE && !results.poses.is_empty() {
         progress.begin(Stage::Identify, None);
+        let of_log = sensors_of_log(results.log.as_ref(), flight, &mut results.notes)?;
+        let flight = &Flight { sensors: of_log.as_ref().or(flight.sensors), ..flight.clone() };
         results.output_error = output_error(results, flight, inputs.as_ref().unwrap_or(recorded))?;
         results.notes.extend(results.output_error.refusals.iter().cloned());
         results.notes.extend(unused_outputs(flight));
@@ -125,10 +127,12 @@ fn identify_beside_log(
 /// That the model describes sensors of which there are no samples.
 fn unused_outputs(flight: &Flight<'_>) -> Option<String> {
     let model = &flight.vehicle.model;
-    (flight.sensors.is_none() && !model.sensors.is_empty()).then(|| {
+    let has_none = flight.sensors.is_none() && flight.log_sensors.is_none();
+    (has_none && !model.sensors.is_empty()).then(|| {
         let names: Vec<&str> = model.sensors.iter().map(|s| s.name.as_str()).collect();
         format!(
-            "The sensors of the model ({}) are not used: there is no table of their samples; give it with --sensors, or as              `sensors` of the session.",
+            "The sensors of the model ({}) are not used: there are no samples of them; give a table with --sensors, or as `sensors` \
+             of the session, or name fields of the log for them as for inputs.",
             names.join(", ")
         )
     })

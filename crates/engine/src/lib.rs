@@ -14,6 +14,7 @@ mod identification;
 mod log_alone;
 mod log_clock;
 mod look;
+mod means;
 mod parts;
 mod solution;
 mod tracking;
@@ -27,5 +28,7 @@ pub use frames::{camera_feeds, first_frames};
 pub use identification::{identify_from_motion, identify_from_poses};
 pub use log_alone::identify_from_log;
 pub use look::{FilmLook, look_at};
-pub use solution::{Flight, Options, log_gyroscope, recorded_inputs, recorded_sensors, run, solve};
+pub use solution::{
+    Flight, Options, log_gyroscope, log_sensors, recorded_inputs, recorded_sensors, run, solve,
+};
 pub use tracking::{TrackedFlight, track};

@@ -1,7 +1,8 @@
 //! The aircraft's own log beside the poses: its clock, its inputs on theirs, and its gyroscope in the motion.
 
-use crate::Flight;
-use mavsight_flight::InputSeries;
+use crate::means::{MEANS_S, mean_sensors};
+use crate::{EngineError, Flight};
+use mavsight_flight::{InputSeries, SensorSeries};
 use mavsight_inertial::{GyroscopeSeries, InertialError, LogAlignment, align_log};
 use mavsight_pipeline::PipelineError;
 use mavsight_pose::{Motion, PoseSample, RateSeries};
@@ -60,6 +61,36 @@ impl LogBesidePoses {
             }
         }
     }
+}
+
+/// The log's sensors on the clock of the poses, fast ones as means; none where the flight has none, or where the clock of
+/// the log is not known.
+///
+/// # Errors
+/// Times that no longer increase.
+pub(crate) fn sensors_of_log(
+    log: Option<&LogAlignment>,
+    flight: &Flight<'_>,
+    notes: &mut Vec<String>,
+) -> Result<Option<SensorSeries>, EngineError> {
+    let Some(sensors) = flight.log_sensors else { return Ok(None) };
+    let moved = match (log, flight.options.lag_s) {
+        (Some(found), _) => mean_sensors(sensors)?.at_times(|log_s| found.pose_s(log_s))?,
+        (None, Some(lag_s)) => mean_sensors(sensors)?.at_times(|log_s| log_s + lag_s)?,
+        (None, None) => {
+            notes.push(
+                "The log's sensors are not used: without a gyroscope its clock is not known by the poses'; give --lag if it is."
+                    .to_owned(),
+            );
+            return Ok(None);
+        }
+    };
+    notes.push(format!(
+        "Output error has the log's sensors too ({}); samples nearer than {:.0} ms count as their means.",
+        sensors.columns().join(", "),
+        1e3 * MEANS_S
+    ));
+    Ok(Some(moved))
 }
 
 fn aligned(

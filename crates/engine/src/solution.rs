@@ -38,10 +38,12 @@ pub struct Flight<'a> {
     pub vehicle: &'a Vehicle,
     /// Recorded inputs, where there are any.
     pub inputs: Option<&'a InputSeries>,
-    /// Samples of the model's sensors, where there are any.
+    /// Samples of the model's sensors by the clock of the poses, where there are any.
     pub sensors: Option<&'a SensorSeries>,
     /// The gyroscope of the log that the inputs are of, where they are of one: it gives the log's clock.
     pub gyroscope: Option<&'a LogGyroscope>,
+    /// Samples of the model's sensors by the clock of that log, where it has any.
+    pub log_sensors: Option<&'a SensorSeries>,
     /// How parameters are estimated.
     pub options: IdentifyOptions,
 }
@@ -67,7 +69,15 @@ impl<'a> Flight<'a> {
         identify.fit.held_out_s = options.held_out_s;
         identify.search = options.search;
         let (name, vehicle) = (&session.file.name, &session.vehicle);
-        Ok(Self { name, vehicle, inputs, sensors: None, gyroscope: None, options: identify })
+        Ok(Self {
+            name,
+            vehicle,
+            inputs,
+            sensors: None,
+            gyroscope: None,
+            log_sensors: None,
+            options: identify,
+        })
     }
 
     /// This flight with samples of the model's sensors, as [`recorded_sensors`] reads them.
@@ -76,10 +86,15 @@ impl<'a> Flight<'a> {
         Self { sensors, ..self }
     }
 
-    /// This flight with the gyroscope of the log that its inputs are of, as [`log_gyroscope`] reads it.
+    /// This flight with the gyroscope of the log that its inputs are of, and with the model's sensors in that log, as
+    /// [`log_gyroscope`] and [`log_sensors`] read them.
     #[must_use]
-    pub fn with_gyroscope(self, gyroscope: Option<&'a LogGyroscope>) -> Self {
-        Self { gyroscope, ..self }
+    pub fn with_log(
+        self,
+        gyroscope: Option<&'a LogGyroscope>,
+        log_sensors: Option<&'a SensorSeries>,
+    ) -> Self {
+        Self { gyroscope, log_sensors, ..self }
     }
 }
 
@@ -107,6 +122,15 @@ pub fn log_gyroscope(session: &Session) -> Result<Option<LogGyroscope>, EngineEr
     input(session.log_gyroscope())
 }
 
+/// The samples of the model's sensors in a session's log, where it has any, and what is to be said of them.
+///
+/// # Errors
+/// A log that is wrong.
+pub fn log_sensors(session: &Session) -> Result<(Option<SensorSeries>, Vec<String>), EngineError> {
+    let sensors = input(session.log_sensors())?;
+    Ok(sensors.map_or((None, Vec::new()), |sensors| (Some(sensors.value), sensors.notes)))
+}
+
 /// Carries a recorded session through all stages: cameras, observations, poses, motion and parameters, each
 /// with its uncertainty, and notes on what could not be had.
 ///
@@ -119,15 +143,16 @@ pub fn run(
     progress: &dyn Progress,
 ) -> Result<RunResults, EngineError> {
     let (inputs, sensors) = (input(session.noted_inputs())?, recorded_sensors(session)?);
-    let gyroscope = log_gyroscope(session)?;
+    let (gyroscope, (log_sensors, of_sensors)) = (log_gyroscope(session)?, log_sensors(session)?);
     let (inputs, notes) = inputs.map_or((None, Vec::new()), |inputs| (Some(inputs.value), inputs.notes));
     let rig = calibrate(session, progress)?;
     let tracked = track(session, rig, progress)?;
     let flight = Flight::of_session(session, inputs.as_ref(), options)?
         .with_sensors(sensors.as_ref())
-        .with_gyroscope(gyroscope.as_ref());
+        .with_log(gyroscope.as_ref(), log_sensors.as_ref());
     let mut results = solve(&flight, tracked, options.results_folder, progress)?;
     results.notes.extend(notes);
+    results.notes.extend(of_sensors);
     Ok(results)
 }
 

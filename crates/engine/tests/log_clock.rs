@@ -75,6 +75,7 @@ fn identified(vehicle: &Vehicle, recorded: &Recorded) -> RunResults {
         inputs: Some(&recorded.inputs),
         sensors: None,
         gyroscope: Some(&recorded.gyroscope),
+        log_sensors: None,
         options,
     };
     let mut results = RunResults { poses: recorded.poses.clone(), ..RunResults::default() };

@@ -35,6 +35,41 @@ impl SensorSeries {
         Ok(Self { columns, times_ns, values })
     }
 
+    /// Takes the samples of each column by themselves, times and values; a row is at every time of any of them.
+    ///
+    /// # Errors
+    /// Those of [`SensorSeries::new`]; times of a column that do not increase.
+    pub fn of_samples(columns: Vec<String>, samples: &[Vec<(i64, f64)>]) -> Result<Self, FlightError> {
+        for own in samples {
+            if let Some(k) = own.windows(2).position(|pair| pair[1].0 <= pair[0].0) {
+                let [before_s, t_s] = [own[k], own[k + 1]].map(|(t_ns, _)| t_ns as f64 * 1e-9);
+                return Err(FlightError::SensorTime { row: k + 2, t_s, before_s });
+            }
+        }
+        let mut times_ns: Vec<i64> = samples.iter().flatten().map(|(t_ns, _)| *t_ns).collect();
+        times_ns.sort_unstable();
+        times_ns.dedup();
+        let mut next = vec![0; samples.len()];
+        let mut values = Vec::with_capacity(times_ns.len() * samples.len());
+        for t_ns in &times_ns {
+            for (own, next) in samples.iter().zip(&mut next) {
+                let sample = own.get(*next).filter(|(own_ns, _)| own_ns == t_ns);
+                *next += usize::from(sample.is_some());
+                values.push(sample.map_or(f64::NAN, |(_, value)| *value));
+            }
+        }
+        Self::new(columns, times_ns, values)
+    }
+
+    /// These samples at other times, such as those of another clock.
+    ///
+    /// # Errors
+    /// Times that do not increase.
+    pub fn at_times(&self, time_s: impl Fn(f64) -> f64) -> Result<Self, FlightError> {
+        let moved = |t_ns: &i64| (time_s(*t_ns as f64 * 1e-9) * 1e9).round() as i64;
+        Self::new(self.columns.clone(), self.times_ns.iter().map(moved).collect(), self.values.clone())
+    }
+
     /// The columns of a model's sensors, in its order.
     ///
     /// # Errors
@@ -104,6 +139,18 @@ mod tests {
             (&["acc_z_m_s2".to_owned(), "q".to_owned()][..], &[5.0, 3.0][..])
         );
         assert_eq!(own.within(|t_ns| t_ns > 2).times_ns(), [5]);
+    }
+
+    #[test]
+    fn samples_of_streams_of_their_own_share_rows_only_at_the_same_times() {
+        let samples = [vec![(1, 10.0), (5, 11.0)], vec![(1, 20.0), (3, 21.0)]];
+        let both = SensorSeries::of_samples(vec!["a".into(), "b".into()], &samples).unwrap();
+        assert_eq!((both.times_ns(), both.row(0)), (&[1, 3, 5][..], &[10.0, 20.0][..]));
+        assert!(both.row(1)[0].is_nan() && both.row(1)[1] == 21.0 && both.row(2)[1].is_nan());
+        let later = both.at_times(|t_s| t_s + 1e-9).unwrap();
+        assert_eq!((later.times_ns(), later.row(2)[0]), (&[2, 4, 6][..], 11.0));
+        let unsorted = SensorSeries::of_samples(vec!["a".into()], &[vec![(3, 1.0), (3, 1.0)]]);
+        assert!(matches!(unsorted, Err(FlightError::SensorTime { row: 2, .. })));
     }
 
     #[test]

@@ -279,6 +279,7 @@ fn found(place: &Place, rig: &Rig, handed: &Handed) -> (Vec<Finding>, Vec<String
         inputs: Some(&place.inputs),
         sensors: None,
         gyroscope: None,
+        log_sensors: None,
         options,
     };
     let findings = tracked.findings.clone();

@@ -206,9 +206,9 @@ pub(crate) struct Identify {
     /// Which of its fields are which inputs
     #[command(flatten)]
     pub(crate) mapping: LogMapping,
-    /// The part of a log without a table that is fitted, s by its clock
-    #[arg(long, value_name = "FROM..TO", value_parser = interval, conflicts_with = "tables")]
-    pub(crate) within: Option<(f64, f64)>,
+    /// The part of a log without a table that is fitted, s by its clock; of several one after the other, with commas
+    #[arg(long, value_name = "FROM..TO", value_parser = interval, value_delimiter = ',', conflicts_with = "tables")]
+    pub(crate) within: Vec<(f64, f64)>,
     /// Vehicle file
     #[arg(long, value_name = "FILE")]
     pub(crate) vehicle: PathBuf,

@@ -4,7 +4,9 @@ use crate::error::read_text;
 use crate::error::require_file;
 use crate::files::{read_toml, write_toml, write_whole};
 use crate::foreign::Noted;
-use crate::logs::{LogGyroscope, read_log_gyroscope, read_log_inputs, unit_by_model};
+use crate::logs::{
+    LogGyroscope, LogSection, read_log_gyroscope, read_log_inputs, read_log_sensors, unit_by_model,
+};
 use crate::session_file::{SessionCamera, SessionFile, is_empty, validate};
 use crate::video::{FrameSource, find_clap, is_pattern};
 use crate::{SessionError, read_image, read_rig, tables};
@@ -50,7 +52,18 @@ impl Session {
             let validated = session.vehicle.validate();
             validated.map_err(|source| SessionError::content(&session.file.vehicle, source))?;
         }
+        session.require_sensors_once()?;
         Ok(session)
+    }
+
+    /// Refuses sensors by both a table and the log.
+    fn require_sensors_once(&self) -> Result<(), SessionError> {
+        let in_log = self.file.log.as_ref().is_some_and(|log| log.names_sensors(&self.vehicle.model));
+        if in_log && self.file.sensors.is_some() {
+            let detail = "is given, and the [log] has sensors of the model too: leave one of them out";
+            return Err(SessionError::value(&self.path, "sensors", detail));
+        }
+        Ok(())
     }
 
     /// The cameras, in the order of the file.
@@ -122,8 +135,10 @@ impl Session {
 
     /// [`Session::inputs`], with what was left out of a log.
     pub fn noted_inputs(&self) -> Result<Option<Noted<InputSeries>>, SessionError> {
-        if let Some(log) = self.file.log.as_ref().filter(|log| log.has_inputs()) {
-            return read_log_inputs(log, &unit_by_model(&self.vehicle.model)).map(Some);
+        let model = &self.vehicle.model;
+        let log = self.file.log.as_ref().map(|log| log.without_sensors(model));
+        if let Some(log) = log.filter(LogSection::has_inputs) {
+            return read_log_inputs(&log, &unit_by_model(model)).map(Some);
         }
         let path = Some(&self.file.inputs).filter(|path| !is_empty(path));
         path.map(|path| tables::read_inputs(path, &self.vehicle).map(Noted::plain)).transpose()
@@ -134,7 +149,14 @@ impl Session {
         self.file.log.as_ref().map_or(Ok(None), read_log_gyroscope)
     }
 
-    /// Reads the samples of the model's sensors; none where the session has no table of them.
+    /// Reads the samples of the model's sensors that the session's log has, by its clock; none where it names none among
+    /// its inputs.
+    pub fn log_sensors(&self) -> Result<Option<Noted<SensorSeries>>, SessionError> {
+        let log = self.file.log.as_ref();
+        log.map_or(Ok(None), |log| read_log_sensors(log, &self.vehicle.model))
+    }
+
+    /// Reads the samples of the model's sensors, by the clock of the cameras; none where the session has no table of them.
     pub fn sensors(&self) -> Result<Option<SensorSeries>, SessionError> {
         self.file.sensors.as_deref().map(|path| tables::read_sensors(path, &self.vehicle.model)).transpose()
     }

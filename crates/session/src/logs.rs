@@ -3,14 +3,13 @@
 mod gyroscope;
 mod inputs;
 mod presets;
+mod sensors;
 mod units;
 
 pub use gyroscope::{LogGyroscope, read_log_gyroscope};
-pub use inputs::{
-    LogInput, LogSection, TimeUnit, UnitOf, inputs_of, is_sensor, read_log_inputs, read_log_sensors,
-    unit_by_model,
-};
+pub use inputs::{LogInput, LogSection, TimeUnit, UnitOf, inputs_of, read_log_inputs, unit_by_model};
 pub use presets::Preset;
+pub use sensors::read_log_sensors;
 
 use crate::table::{Row, Table};
 use crate::tables::TIME_COLUMN;

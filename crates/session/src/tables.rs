@@ -6,6 +6,7 @@ use crate::table::{Row, Table, csv_lines, write_csv};
 use mavsight_flight::{Color, InputSeries, SensorSeries, Vehicle};
 use mavsight_model::Model;
 use mavsight_pipeline::{ControlPixel, ControlPointRow};
+use std::fmt::Write as _;
 use std::io::Write;
 use std::path::Path;
 
@@ -124,15 +125,36 @@ pub fn write_numbers(
     // Numbers need no quotes, and a long log has millions of them.
     let write = |out: &mut dyn Write| {
         csv_lines(out, columns)?.flush()?;
+        let mut line = String::new();
         for row in rows {
+            line.clear();
             for (k, number) in row.iter().enumerate() {
-                write!(out, "{}{number:.12}", if k == 0 { "" } else { "," })?;
+                line.push_str(if k == 0 { "" } else { "," });
+                push_fixed(&mut line, *number);
             }
-            writeln!(out)?;
+            line.push('\n');
+            out.write_all(line.as_bytes())?;
         }
         Ok(())
     };
     PartFile::write(path, write)?.keep()
+}
+
+/// Appends a number with twelve decimals, by whole numbers, which take half the time of `{:.12}`; numbers that have
+/// no digit behind the point, and what is no number, by that.
+fn push_fixed(line: &mut String, number: f64) {
+    const DECIMALS: f64 = 1e12;
+    const WHOLE: f64 = (1_u64 << f64::MANTISSA_DIGITS) as f64;
+    let size = number.abs();
+    // A text takes whatever is written.
+    if !number.is_finite() || size >= WHOLE {
+        let _ = write!(line, "{number:.12}");
+        return;
+    }
+    let sign = if number.is_sign_negative() { "-" } else { "" };
+    let rest = ((size - size.trunc()) * DECIMALS).round();
+    let (whole, rest) = if rest < DECIMALS { (size.trunc(), rest) } else { (size.trunc() + 1.0, 0.0) };
+    let _ = write!(line, "{sign}{}.{:012}", whole as u64, rest as u64);
 }
 
 /// Reads `name,x_m,y_m,z_m,diameter_m,color` and, if it is there, `std_m`; an empty cell of it is 0.
@@ -208,4 +230,28 @@ pub fn read_control_pixels(
         pixels.push(pixel);
     }
     Ok(pixels)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_written_as_the_library_writes_them() {
+        let written = |number: f64| {
+            let mut line = String::new();
+            push_fixed(&mut line, number);
+            line
+        };
+        let exact = [0.0, -0.0, 1100.0, -2.5, 1.0 - 1e-13, 999.999_999_999_999_9, 1e300, 9.1e15, f64::NAN];
+        for number in exact.into_iter().chain([f64::INFINITY, f64::NEG_INFINITY]) {
+            assert_eq!(written(number), format!("{number:.12}"));
+        }
+        for k in 0..1000 {
+            let number = (f64::from(k) * 0.37 - 90.0) * f64::exp(f64::from(k % 40) - 20.0);
+            let [own, library]: [f64; 2] =
+                [written(number), format!("{number:.12}")].map(|text| text.parse().expect("a number"));
+            assert!((own - library).abs() <= 1.01e-12 + 2e-16 * number.abs(), "{number}");
+        }
+    }
 }

@@ -9,8 +9,10 @@ mod ulog;
 
 use mavsight_flight::{InputSeries, Interpolation};
 use mavsight_geometry::Vector3;
-use mavsight_model::Unit;
-use mavsight_session::logs::{LogInput, LogSection, Preset, TimeUnit, read_log_gyroscope, read_log_inputs};
+use mavsight_model::{Model, Unit};
+use mavsight_session::logs::{
+    LogInput, LogSection, Preset, TimeUnit, read_log_gyroscope, read_log_inputs, read_log_sensors,
+};
 use std::f64::consts::PI;
 use std::path::PathBuf;
 
@@ -108,6 +110,29 @@ fn fields_of_unlike_rates_are_not_resampled() {
         assert_eq!(inputs.row(k)[1], 1100.0 + held as f64, "{k}");
     }
     assert_eq!(times_s.len(), 40 + 196, "each sample of either, once");
+}
+
+/// Two gyroscopes at 800 and 400 Hz.
+#[test]
+fn sensors_keep_the_times_of_their_own_streams() {
+    let lab = Lab::new();
+    let text = "schema = 2\nname = \"two\"\nforces = { z = 0 }\noutputs = { \
+        a = { unit = \"rad/s\", value = \"p\", std = 1 }, b = { unit = \"rad/s\", value = \"q\", std = 1 } }\n";
+    let model = Model::parse("two.toml", text).expect("a model");
+    let of = |column: &str, instance: u32| LogInput {
+        instance: Some(instance),
+        ..input(column, "sensor_gyro", "x")
+    };
+    let section = lab.section("a.ulg", Some(Preset::Px4Outputs), &[of("a", 0), of("b", 1)]);
+    let sensors = read_log_sensors(&section, &model).expect("read").expect("sensors").value;
+    assert_eq!((sensors.columns(), sensors.times_ns().len()), (&["a".to_owned(), "b".to_owned()][..], 300));
+    let shown = |k: usize| (sensors.times_ns()[k], sensors.row(k)[0], sensors.row(k)[1]);
+    let ((t_a, a, no_b), (t_b, no_a, b)) = (shown(0), shown(1));
+    assert!(t_a == 2_000_000_000 && a == 0.0 && no_b.is_nan(), "{a} {no_b}");
+    assert!(t_b == 2_000_100_000 && no_a.is_nan() && (b - 0.01).abs() < 1e-6, "{no_a} {b}");
+    let inputs = section.without_sensors(&model);
+    assert!(inputs.input.is_empty() && inputs.has_inputs());
+    assert!(read_log_sensors(&inputs, &model).expect("read").is_none());
 }
 
 #[test]

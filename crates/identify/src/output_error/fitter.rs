@@ -4,7 +4,7 @@ use super::condense::{Condensed, Linear, Penalty};
 use super::measure::Measurements;
 use super::model::{Equations, FlightModel, ModelParameter};
 use super::options::{InitialStates, OutputErrorOptions};
-use super::shooting::{Evaluation, ParameterPrior, Point, Shooting, gap_std};
+use super::shooting::{Evaluation, OPEN, ParameterPrior, Point, Shooting, gap_std};
 use super::squares::Squares;
 use super::start::begin;
 use crate::IdentifyError;
@@ -81,7 +81,11 @@ impl<'a> Fitter<'a> {
         let input = inputs.require(times_s[bounds[0]] - model.input_lag_s)?;
         starts[0][RIGID_STATES..].copy_from_slice(&model.model().initial(model.values(), input));
         let further = &model.model().states;
-        let mut prior_weights = vec![0.0; RIGID_STATES - 1];
+        let gap_std = gap_std(further);
+        // Sensors do not show all of where a flight begins.
+        let begins_open =
+            |std: &f64| if measurements.are_of_sensors_alone() { (OPEN * std).recip() } else { 0.0 };
+        let mut prior_weights: Vec<f64> = gap_std.iter().take(RIGID_STATES - 1).map(begins_open).collect();
         prior_weights.extend(further.iter().map(|state| initial_std(state, options.initial).recip()));
         let prior = |(place, std): (usize, f64)| {
             let value = start.value(start.free()[place]);
@@ -103,7 +107,7 @@ impl<'a> Fitter<'a> {
             prior_weights,
             prior_start: starts[0].clone(),
             parameter_priors: start.priors().map(prior).collect(),
-            gap_std: gap_std(further),
+            gap_std,
             process_noise: DVector::zeros(starts[0].len() - 1),
         };
         let point = Point { model, nuisances: DVector::zeros(measurements.nuisances()), starts };

@@ -215,7 +215,7 @@ impl FlightFits {
     }
 }
 
-type Estimate = fn(
+pub(super) type Estimate = fn(
     &FlightModel,
     &InputSeries,
     &Measurements,

@@ -1,27 +1,24 @@
-//! Output error on a log alone: sensors of the aircraft without a camera.
+//! Output error and filter error on a log alone: sensors of the aircraft without a camera.
 
-use super::flight::{FlightFitOptions, FlightFits};
+use super::flight::{Estimate, FlightFitOptions, FlightFits};
 use super::measure::{LeftOut, Measurements, StateMeasurement};
 use super::model::{Equations, FlightModel};
 use super::shooting::LONGEST_GAP_S;
-use super::{InitialStates, OutputErrorOptions, output_error};
+use super::{InitialStates, OutputErrorFit, OutputErrorOptions, filter_error, output_error};
 use crate::IdentifyError;
 use mavsight_flight::{InputSeries, SensorSeries, Vehicle};
 use mavsight_geometry::{Isometry3, Matrix6, UnitQuaternion, Vector3, world_from_level};
 use mavsight_model::{RIGID_STATES, Unit};
 use nalgebra::{DMatrix, DVector};
 
-/// Guessed poses at the beginning of each piece that count: a place and a velocity follow from as many.
-const ANCHORS: usize = 4;
-/// With what they count, m and rad: they fix what nothing measures, and no more.
-const ANCHOR_STD: [f64; 6] = [1.0, 1.0, 1.0, 0.1, 0.1, 0.1];
 /// Guessed poses follow each other by this.
 const GUESSED_NS: i64 = 50_000_000;
 /// Rates that sensors show less than this of are not shown.
 const SHOWN: f64 = 1e-6;
 
 impl FlightFits {
-    /// Fits the default model of a vehicle, with its sensors, to samples of these alone.
+    /// Fits the default model of a vehicle, with its sensors, to samples of these alone, by output error and by filter error
+    /// as the options say.
     ///
     /// Sensors of rates and specific force show neither where the aircraft is nor where its nose points, and what they show
     /// does not depend on it: each piece of the flight, parted by gaps of more than two seconds, begins level at the origin,
@@ -40,20 +37,22 @@ impl FlightFits {
         let sensors = sensors.of(&vehicle.model)?.within(|t_ns| !options.holds_out(t_ns));
         let model = FlightModel::with_outputs(vehicle, inputs)?;
         let states = guessed(&model, &model.inputs_of(inputs)?, &sensors)?;
-        let mut since = 0;
-        let left_out = (0..states.len()).map(|k| {
-            let begins = k == 0 || states[k].t_s() - states[k - 1].t_s() > LONGEST_GAP_S;
-            since = if begins { 0 } else { since + 1 };
-            since >= ANCHORS
-        });
-        let left_out = LeftOut(left_out.collect());
+        // They are where segments begin to be fitted from, and no measurements.
+        let left_out = LeftOut(vec![true; states.len()]);
         let measured = Measurements::Part(Box::new(Measurements::States(states)), left_out)
             .with_sensors(&vehicle.model, &sensors)?;
         let defaults = OutputErrorOptions { initial: InitialStates::Free, ..OutputErrorOptions::default() };
         let mut out = Self { held: model.held(), ..Self::default() };
-        match output_error(&model, inputs, &measured, &defaults) {
-            Ok(fit) => out.poses = Some(fit),
-            Err(why) => out.refusals.push(format!("No output error from the log: {why}")),
+        let estimates: [(&str, bool, Estimate, &mut Option<OutputErrorFit>); 2] = [
+            ("output error", options.fits.output_error, output_error, &mut out.poses),
+            ("filter error", options.fits.filter_error, filter_error, &mut out.filter),
+        ];
+        for (what, is_wanted, estimate, fit) in estimates {
+            if is_wanted {
+                *fit = estimate(&model, inputs, &measured, &defaults)
+                    .map_err(|why| out.refusals.push(format!("No {what} from the log: {why}")))
+                    .ok();
+            }
         }
         Ok(out)
     }
@@ -65,7 +64,6 @@ fn guessed(
     inputs: &InputSeries,
     sensors: &SensorSeries,
 ) -> Result<Vec<StateMeasurement>, IdentifyError> {
-    let covariance = Matrix6::from_diagonal(&ANCHOR_STD.map(|s| s * s).into());
     let mut out: Vec<StateMeasurement> = Vec::new();
     let Some(first_ns) = sensors.times_ns().first() else { return Ok(out) };
     let shown = ShownRates::of(model, inputs.require(*first_ns as f64 * 1e-9)?);
@@ -81,7 +79,7 @@ fn guessed(
         if *t_ns >= due_ns {
             due_ns = t_ns + GUESSED_NS;
             let pose = Isometry3::from_parts(Vector3::zeros().into(), world_from_level() * attitude);
-            out.push(StateMeasurement::of_pose(*t_ns, pose, covariance));
+            out.push(StateMeasurement::of_pose(*t_ns, pose, Matrix6::identity()));
         }
     }
     Ok(out)

@@ -101,6 +101,15 @@ impl Measurements {
         Ok(Self::Sensed(Box::new(SensedMeasurements::new(seen, model, sensors)?)))
     }
 
+    /// Whether no pose or image is fitted, and sensors alone are.
+    pub(crate) fn are_of_sensors_alone(&self) -> bool {
+        match self {
+            Self::Part(_, LeftOut(left_out)) => left_out.iter().all(|is_out| *is_out),
+            Self::Sensed(all) => all.seen.are_of_sensors_alone(),
+            Self::States(_) | Self::Image(_) => false,
+        }
+    }
+
     /// Whether there are sensors.
     pub(crate) fn have_sensors(&self) -> bool {
         matches!(self, Self::Sensed(_))

@@ -85,7 +85,7 @@ pub(crate) struct ParameterPrior {
 /// Of a further state, the gap's standard deviation over the usual excursion.
 const EXCURSIONS: f64 = 5.0;
 /// A gap is open if its standard deviations are so many times those of [`gap_std`].
-const OPEN: f64 = 100.0;
+pub(super) const OPEN: f64 = 100.0;
 /// Where nothing is measured for longer, the flight starts anew: an unstable aircraft's motion behind the gap says
 /// nothing of that before it.
 pub(super) const LONGEST_GAP_S: f64 = 2.0;

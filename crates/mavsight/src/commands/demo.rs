@@ -57,6 +57,7 @@ pub(crate) fn demo(args: &Demo) -> Result<()> {
         inputs: Some(&inputs),
         sensors: None,
         gyroscope: None,
+        log_sensors: None,
         options: IdentifyOptions::default(),
     };
     let tracked = TrackedFlight { rig, tracked, body: Vec::new() };

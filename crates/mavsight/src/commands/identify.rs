@@ -16,7 +16,7 @@ use mavsight_pipeline::IdentifyOptions;
 use mavsight_report::{Summary, parameter_text};
 use mavsight_session::foreign::Noted;
 use mavsight_session::logs::{
-    LogGyroscope, is_sensor, read_log_gyroscope, read_log_inputs, read_log_sensors, unit_by_model,
+    LogGyroscope, read_log_gyroscope, read_log_inputs, read_log_sensors, unit_by_model,
 };
 use mavsight_session::{
     FlightTable, RunResults, load_equations, load_vehicle, read_flight_table, read_summary,
@@ -39,8 +39,7 @@ pub(crate) fn identify(args: &Identify) -> Result<()> {
     let bars = Bars::new();
     let one = |flight: Recorded, session: String, out: Option<&Path>| {
         if let Some(log) = &log {
-            let of = Flight { sensors: None, ..log.flight(&vehicle, &options) };
-            return identify_one(flight.table, session, &of, out, &bars);
+            return identify_one(flight.table, session, &log.flight(&vehicle, &options), out, &bars);
         }
         let inputs = named(read_inputs(&flight.inputs, &vehicle))?;
         let sensors =
@@ -51,6 +50,7 @@ pub(crate) fn identify(args: &Identify) -> Result<()> {
             inputs: Some(&inputs),
             sensors: sensors.as_ref(),
             gyroscope: None,
+            log_sensors: None,
             options: options.clone(),
         };
         identify_one(flight.table, session, &of, out, &bars)
@@ -90,13 +90,10 @@ impl RecordedLog {
             );
             return Err(WrongCall(message).into());
         }
-        let mut section = whole.clone();
-        section.input.retain(|input| !is_sensor(&vehicle.model, &input.column));
+        let section = whole.without_sensors(&vehicle.model);
         let Noted { value: inputs, mut notes } =
             named(read_log_inputs(&section, &unit_by_model(&vehicle.model)))?;
-        let has_sensors = section.input.len() < whole.input.len();
-        let sensors = has_sensors.then(|| named(read_log_sensors(&whole, &vehicle.model))).transpose()?;
-        let sensors = sensors.map(|sensors| {
+        let sensors = named(read_log_sensors(&whole, &vehicle.model))?.map(|sensors| {
             notes.extend(sensors.notes);
             sensors.value
         });
@@ -109,8 +106,9 @@ impl RecordedLog {
             name: &vehicle.name,
             vehicle,
             inputs: Some(&self.inputs),
-            sensors: self.sensors.as_ref(),
+            sensors: None,
             gyroscope: self.gyroscope.as_ref(),
+            log_sensors: self.sensors.as_ref(),
             options: options.clone(),
         }
     }
@@ -125,7 +123,7 @@ fn identify_log(args: &Identify, log: &RecordedLog, flight: &Flight<'_>) -> Resu
     }
     let bars = Bars::new();
     let mut results = RunResults { session: flight.vehicle.name.clone(), ..RunResults::default() };
-    identify_from_log(&mut results, args.within, flight, &bars)?;
+    identify_from_log(&mut results, &args.within, flight, &bars)?;
     bars.done();
     let summary = Summary::of(&results, None);
     out!("{}{}", summary.text(), parameter_text(&results));

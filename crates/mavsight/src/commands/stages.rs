@@ -9,7 +9,8 @@ use crate::out::{out, outln};
 use crate::progress::Bars;
 use anyhow::Result;
 use mavsight_engine::{
-    Flight, Options, first_frames, identify_from_poses, log_gyroscope, recorded_inputs, recorded_sensors,
+    Flight, Options, first_frames, identify_from_poses, log_gyroscope, log_sensors, recorded_inputs,
+    recorded_sensors,
 };
 use mavsight_report::{FlightReport, Summary, write_report};
 use mavsight_score::{truth_of, write_truth};
@@ -122,7 +123,7 @@ fn put(mut results: RunResults, out: &Path) -> Result<()> {
 pub(crate) fn report(args: &Stage) -> Result<()> {
     let session = named(Session::load(&args.session))?;
     let (inputs, sensors) = (recorded_inputs(&session)?, recorded_sensors(&session)?);
-    let gyroscope = log_gyroscope(&session)?;
+    let (gyroscope, (of_log, of_sensors)) = (log_gyroscope(&session)?, log_sensors(&session)?);
     let truth = named(truth_of(&session))?;
     let camera_names: Vec<String> = session.cameras().iter().map(|c| c.name.clone()).collect();
     let marker_names: Vec<String> = session.vehicle.marker.iter().map(|m| m.name.clone()).collect();
@@ -142,8 +143,9 @@ pub(crate) fn report(args: &Stage) -> Result<()> {
     let bars = Bars::new();
     let flight = Flight::of_session(&session, inputs.as_ref(), &Options::default())?
         .with_sensors(sensors.as_ref())
-        .with_gyroscope(gyroscope.as_ref());
+        .with_log(gyroscope.as_ref(), of_log.as_ref());
     identify_from_poses(&mut results, &flight, &bars)?;
+    results.notes.extend(of_sensors);
     bars.done();
     let scores = truth.as_deref().map(|t| scores_of(&results, t));
     let summary = Summary::of(&results, scores.as_ref());

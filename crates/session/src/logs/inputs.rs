@@ -3,7 +3,7 @@
 use super::{Preset, TableTime, read_log, units};
 use crate::SessionError;
 use crate::foreign::Noted;
-use mavsight_flight::{InputSeries, Interpolation, SensorSeries};
+use mavsight_flight::{InputSeries, Interpolation};
 use mavsight_log::{Column, Log, LogError, Stream};
 use mavsight_model::{Model, Unit};
 use serde::{Deserialize, Serialize};
@@ -90,7 +90,7 @@ impl LogSection {
             .map_or(TableTime { unit_ns, ..TableTime::default() }, |column| TableTime { column, unit_ns })
     }
 
-    fn wants(&self, topic: &str, instance: u32, field: &str) -> bool {
+    pub(super) fn wants(&self, topic: &str, instance: u32, field: &str) -> bool {
         let is_one = |input: &LogInput| {
             input.field == field
                 && input.topic.as_deref().is_none_or(|t| t == topic)
@@ -114,27 +114,6 @@ pub fn read_log_inputs(
     let wanted = |topic: &str, instance: u32, field: &str| section.wants(topic, instance, field);
     let log = read_log(&section.file, section.table_time(), &wanted)?;
     inputs_of(&log, section, unit_of)
-}
-
-/// Reads the samples of a flight model's sensors that a section names among its inputs, on the clock of the log.
-///
-/// # Errors
-/// Those of [`read_log_inputs`]; none of the model's sensors is named.
-pub fn read_log_sensors(section: &LogSection, model: &Model) -> Result<Noted<SensorSeries>, SessionError> {
-    let mut own = LogSection { preset: None, ..section.clone() };
-    own.input.retain(|input| is_sensor(model, &input.column));
-    let unit_of = |column: &str| model.sensors.iter().find(|s| s.column == column).and_then(|s| s.unit);
-    let Noted { value, notes } = read_log_inputs(&own, &unit_of)?;
-    let times_ns = value.times_s().iter().map(|t_s| (t_s * 1e9).round() as i64).collect::<Vec<i64>>();
-    let values = (0..times_ns.len()).flat_map(|k| value.row(k).to_vec()).collect();
-    let value = SensorSeries::new(value.names().to_vec(), times_ns, values)
-        .map_err(|source| SessionError::content(&section.file, source))?;
-    Ok(Noted { value, notes })
-}
-
-/// Whether a column is that of a sensor of a model.
-pub fn is_sensor(model: &Model, column: &str) -> bool {
-    model.sensors.iter().any(|sensor| sensor.column == column)
 }
 
 /// The inputs of a log of which what the section names has been kept.
