@@ -208,6 +208,8 @@ fn output_error(
         fits: flight.options.motion_fits,
         search: flight.options.search,
         sensors: flight.sensors,
+        // Poses before the first inputs are not fitted.
+        begins_in_flight: inputs.covered_range(&results.poses, |p| p.t_ns).start > 0,
     };
     let fits = FlightFits::of_flight(flight.vehicle, inputs, &poses, images, &options);
     Ok(fits.map_err(PipelineError::from)?)

@@ -51,6 +51,7 @@ pub fn identify_from_log(
         fits: flight.options.motion_fits,
         search: false,
         sensors: Some(&sensors),
+        begins_in_flight: true,
     };
     let fits = FlightFits::of_log(flight.vehicle, &inputs, &sensors, &options);
     results.output_error = fits.map_err(PipelineError::from)?;

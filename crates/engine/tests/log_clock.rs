@@ -3,25 +3,39 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use mavsight_engine::{Flight, identify_from_poses};
-use mavsight_flight::{InputSeries, Vehicle};
+use mavsight_flight::{InputSeries, SensorSeries, Vehicle, VehicleFile};
 use mavsight_geometry::{Matrix6, UnitQuaternion, Vector3};
 use mavsight_identify::output_error::MotionFits;
+use mavsight_model::SHELF;
 use mavsight_pipeline::{IdentifyOptions, NoProgress};
 use mavsight_pose::{PoseEstimate, PoseSample};
 use mavsight_random::Random;
 use mavsight_session::logs::LogGyroscope;
 use mavsight_session::{RunResults, write_results};
-use mavsight_simulator::{Maneuver, Scenario, simulate};
+use mavsight_simulator::{Maneuver, Scenario, sensed, simulate, true_values};
 
 /// The log's clock shows this at the first pose.
 const OFFSET_S: f64 = 812.345;
 const DRIFT: f64 = 8e-5;
 const GYROSCOPE_HZ: f64 = 400.0;
 
+/// What an accelerometer and a gyroscope of the log show.
+const OUTPUTS: &str = r#"
+[parameters.bias_q]
+unit = "rad/s"
+value = 0
+free = true
+[outputs]
+acc_x = { column = "acc_x_m_s2", unit = "m/s^2", std = 0.05, value = "a_x" }
+gyro_y = { column = "gyro_y_rad_s", unit = "rad/s", std = 0.002, value = "q + bias_q" }
+"#;
+const BIAS_RAD_S: f64 = 0.02;
+
 struct Recorded {
     poses: Vec<PoseSample>,
     gyroscope: LogGyroscope,
     inputs: InputSeries,
+    sensors: Option<SensorSeries>,
 }
 
 fn log_s(t_s: f64) -> f64 {
@@ -63,7 +77,31 @@ fn recorded(vehicle: &Vehicle, amplitude_deg: f64) -> Recorded {
         times_ns: times_s.iter().map(|t_s| (log_s(*t_s) * 1e9).round() as i64).collect(),
         rates_rad_s: rates_rad_s.collect(),
     };
-    Recorded { poses, gyroscope, inputs: inputs.at_times(log_s).unwrap() }
+    let has_sensors = !vehicle.model.sensors.is_empty();
+    let sensors = has_sensors.then(|| {
+        let exact = sensed(vehicle, &inputs, &measured).unwrap();
+        let rows = 0..exact.times_ns().len();
+        let noisy = rows.flat_map(|k| {
+            let row = exact.row(k);
+            [row[0] + 0.05 * random.normal(), row[1] + BIAS_RAD_S + 2e-3 * random.normal()]
+        });
+        let noisy = noisy.collect();
+        SensorSeries::new(exact.columns().to_vec(), exact.times_ns().to_vec(), noisy)
+            .unwrap()
+            .at_times(log_s)
+            .unwrap()
+    });
+    Recorded { poses, gyroscope, inputs: inputs.at_times(log_s).unwrap(), sensors }
+}
+
+/// The paper's helicopter with sensors.
+fn sensing() -> Vehicle {
+    let coaxial = SHELF.iter().find(|(name, _)| *name == "coaxial").unwrap().1;
+    let mut file = VehicleFile::from(Vehicle::paper());
+    file.model = Some("sensing.toml".to_owned());
+    // What the model leaves out unless it is asked for.
+    file.simulation.retain(|name, _| !["C_m_hub", "C_n_r", "d_xy", "d_z"].contains(&name.as_str()));
+    file.vehicle(|_| Ok(format!("{coaxial}{OUTPUTS}"))).unwrap()
 }
 
 fn identified(vehicle: &Vehicle, recorded: &Recorded) -> RunResults {
@@ -75,7 +113,7 @@ fn identified(vehicle: &Vehicle, recorded: &Recorded) -> RunResults {
         inputs: Some(&recorded.inputs),
         sensors: None,
         gyroscope: Some(&recorded.gyroscope),
-        log_sensors: None,
+        log_sensors: recorded.sensors.as_ref(),
         options,
     };
     let mut results = RunResults { poses: recorded.poses.clone(), ..RunResults::default() };
@@ -107,6 +145,38 @@ fn inputs_of_a_log_are_moved_to_the_clock_of_the_poses() {
     assert!((cells[cells.len() - 1] - log_s(cells[0])).abs() < 2e-3, "{cells:?}");
     let time_constant = fit.parameter("tau_l").unwrap();
     assert!((time_constant.value - 0.05).abs() < 4.0 * time_constant.std, "{time_constant:?}");
+}
+
+#[test]
+fn sensors_of_a_log_narrow_the_intervals_and_these_hold_the_truth() {
+    let vehicle = sensing();
+    let mut recorded = recorded(&vehicle, 2.0);
+    let both = identified(&vehicle, &recorded);
+    recorded.sensors = None;
+    let alone = identified(&vehicle, &recorded);
+    let said = |results: &RunResults, words: &str| results.notes.iter().any(|note| note.contains(words));
+    assert!(said(&both, "has the log's sensors too (acc_x_m_s2, gyro_y_rad_s)"), "{:?}", both.notes);
+    assert!(said(&alone, "The sensors of the model (acc_x, gyro_y) are not used"), "{:?}", alone.notes);
+    let [both, alone] = [both, alone].map(|results| results.output_error.poses.unwrap());
+    let truth = true_values(&vehicle);
+    let mut ratios = Vec::new();
+    for p in &both.parameters {
+        let truth = match p.name.as_str() {
+            "input_lag_s" => 0.0,
+            "bias_q" => BIAS_RAD_S,
+            name => truth[name],
+        };
+        println!("{} {} ± {} ({truth})", p.name, p.value, p.std);
+        assert!((p.value - truth).abs() < 3.5 * p.std, "{}: {} ± {}, {truth}", p.name, p.value, p.std);
+        let shown = ["C_X,alpha", "C_m,", "tau_", "input_lag"].iter().any(|of| p.name.starts_with(of));
+        if let Some(before) = alone.parameter(&p.name).filter(|_| shown && p.name != "C_m,0") {
+            println!("    ± {} alone", before.std);
+            assert!(p.std < 0.9 * before.std, "{}: {} from {}", p.name, p.std, before.std);
+            ratios.push((p.std / before.std).ln());
+        }
+    }
+    let mean = (ratios.iter().sum::<f64>() / ratios.len() as f64).exp();
+    assert!(ratios.len() == 8 && mean < 0.5, "{mean} of {}", ratios.len());
 }
 
 #[test]

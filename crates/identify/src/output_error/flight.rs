@@ -70,6 +70,8 @@ pub struct FlightFitOptions<'a> {
     pub search: bool,
     /// Samples of the model's sensors by the clock of the poses, which both fits then take in.
     pub sensors: Option<&'a SensorSeries>,
+    /// Whether what was recorded begins in flight: the model's further states then begin anywhere.
+    pub begins_in_flight: bool,
 }
 
 impl FlightFitOptions<'_> {
@@ -144,7 +146,7 @@ impl FlightFits {
         let begins =
             stretch_s.is_none_or(|(from_s, _)| poses.first().is_some_and(|p| seconds(p.t_ns) >= from_s));
         // A search doubts the model, and so the trim in which it begins.
-        let is_known = begins && !options.search;
+        let is_known = begins && !options.search && !options.begins_in_flight;
         let initial = if is_known { InitialStates::AsModelled } else { InitialStates::Free };
         let defaults = OutputErrorOptions { initial, ..OutputErrorOptions::default() };
         let poses = within(poses, stretch_s, |p| p.t_ns);

@@ -16,6 +16,7 @@ const KNOWN: FlightFitOptions<'_> = FlightFitOptions {
     fits: MotionFits { output_error: true, filter_error: true },
     search: false,
     sensors: None,
+    begins_in_flight: false,
 };
 
 pub(crate) fn rig() -> Rig {
