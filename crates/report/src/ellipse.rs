@@ -5,7 +5,7 @@ use mavsight_session::RunResults;
 
 /// A typical ellipse of a detection is drawn so large, px.
 const ELLIPSE_PX: f64 = 24.0;
-/// χ² of two degrees of freedom that 95 % stay below.
+/// χ² of two degrees of freedom below which 95 % are.
 const CHI2_95: f64 = 5.991;
 
 /// The ellipse around zero that holds 95 % of what has a covariance.

@@ -30,7 +30,7 @@ pub(crate) enum Kind {
 }
 
 impl Kind {
-    /// Colours that eyes of all kinds tell apart on dark and on light, over the halo.
+    /// Colours that eyes of all kinds distinguish, on dark and on light, over the halo.
     pub(crate) fn rgb(self) -> [u8; 3] {
         match self {
             Self::Detected | Self::Path => [255, 255, 255],

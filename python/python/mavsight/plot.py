@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from ._results import Results
 
-# Okabe and Ito: colours that eyes of all kinds tell apart.
+# Okabe and Ito: colours that eyes of all kinds distinguish.
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
 _SIGMAS = 1.96
 

@@ -108,7 +108,7 @@ fn next_instant(reels: &mut [Reel<'_>]) -> Result<Option<i64>, PipelineError> {
 }
 
 impl Reel<'_> {
-    /// Shows the next frame that can be read; false where there is none. What cannot be read was told while tracking.
+    /// Shows the next frame that can be read; false where there is none. A note of tracking names what cannot be read.
     fn take_on(&mut self) -> bool {
         match self.frames.find_map(Result::ok) {
             Some(frame) => {

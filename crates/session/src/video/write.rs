@@ -12,7 +12,7 @@ use std::io::{Seek, SeekFrom, Write};
 use std::num::NonZeroU32;
 use std::path::{Path, PathBuf};
 
-/// Quantization of H.264 at which thin lines stay sharp.
+/// Quantization of H.264 at which thin lines are still sharp.
 const QUANTIZER: u8 = 20;
 /// Frames from one that stands by itself to the next: where a player can jump to.
 const KEYFRAMES: u32 = 30;
@@ -55,7 +55,7 @@ impl VideoWriter {
             return Err(SessionError::express(path, "write it", "a video is written as .mp4"));
         }
         let ImageSize { width_px, height_px } = size;
-        let is_even = |side: u32| side > 0 && side % 2 == 0 && side < 1 << 16;
+        let is_even = |side: u32| side > 0 && side.is_multiple_of(2) && side < 1 << 16;
         if !is_even(width_px) || !is_even(height_px) {
             let reason = format!("no video has {width_px}×{height_px} px: both must be even and below 65536");
             return Err(SessionError::express(path, "write it", reason));
