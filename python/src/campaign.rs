@@ -1,6 +1,6 @@
 //! Campaigns of simulated flights.
 
-use mavsight_score::Campaign as Flights;
+use mavsight::score::Campaign as Flights;
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;

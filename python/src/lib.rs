@@ -12,5 +12,7 @@ fn _mavsight(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<campaign::Campaign>()?;
     module.add_class::<motion::Motion>()?;
     module.add_function(wrap_pyfunction!(motion::smooth, module)?)?;
+    module.add_class::<session::Found>()?;
+    module.add_function(wrap_pyfunction!(session::command, module)?)?;
     module.add_function(wrap_pyfunction!(session::run, module)?)
 }

@@ -1,7 +1,7 @@
 //! The smoother on arrays.
 
-use mavsight_geometry::{EulerAngles, Isometry3, Vector3, world_from_body};
-use mavsight_pose::{
+use mavsight::geometry::{EulerAngles, Isometry3, Vector3, world_from_body};
+use mavsight::pose::{
     Motion as Smoothed, MotionSample, PoseError, PoseEstimate, PoseSample, covariance_from_std, euler_std,
 };
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
@@ -12,9 +12,18 @@ use pyo3::prelude::*;
 const POSE: usize = 6;
 const ALL: usize = 18;
 
+/// Times, values, standard deviations, bandwidths.
+type MotionArrays<'py> =
+    (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>, (f64, f64));
+
 /// Motion of an aircraft, a row an instant. Columns of `state` and `std` are those of `Motion.columns`.
-#[pyclass(frozen)]
-pub(crate) struct Motion(pub(crate) Smoothed);
+#[pyclass(frozen, module = "mavsight._mavsight")]
+pub(crate) struct Motion {
+    t_s: Vec<f64>,
+    state: Vec<f64>,
+    std: Vec<f64>,
+    bandwidth_hz: (f64, f64),
+}
 
 #[pymethods]
 impl Motion {
@@ -43,61 +52,89 @@ impl Motion {
         ]
     }
 
+    /// A motion from its arrays: n times, (n, 18) values and standard deviations.
+    #[new]
+    fn new(
+        t_s: PyReadonlyArray1<'_, f64>,
+        state: PyReadonlyArray2<'_, f64>,
+        std: PyReadonlyArray2<'_, f64>,
+        bandwidth_hz: (f64, f64),
+    ) -> PyResult<Self> {
+        let n = t_s.len();
+        for (name, shape) in [("state", state.shape()), ("std", std.shape())] {
+            if *shape != [n, ALL] {
+                return Err(PyValueError::new_err(format!(
+                    "{name} has the shape {shape:?}: ({n}, {ALL}) is wanted"
+                )));
+            }
+        }
+        let all = |table: PyReadonlyArray2<'_, f64>| table.as_array().iter().copied().collect();
+        Ok(Self { t_s: t_s.as_array().to_vec(), state: all(state), std: all(std), bandwidth_hz })
+    }
+
+    /// What makes the same motion again: it can be pickled, and so sent from one machine to another.
+    fn __getnewargs__<'py>(&self, py: Python<'py>) -> PyResult<MotionArrays<'py>> {
+        Ok((self.t_s(py), self.state(py)?, self.std(py)?, self.bandwidth_hz))
+    }
+
     /// Times, s.
     #[getter]
     fn t_s<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_iter(py, self.0.samples.iter().map(|s| s.t_ns as f64 * 1e-9))
+        PyArray1::from_slice(py, &self.t_s)
     }
 
     /// Pose, velocity and rates in body axes, specific force and angular acceleration.
     #[getter]
     fn state<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        self.table(py, |s| {
-            let e = EulerAngles::from_world_from_body(&s.world_from_body);
-            let parts = [
-                s.world_from_body.translation.vector,
-                Vector3::new(e.phi_rad, e.theta_rad, e.psi_rad),
-                s.velocity_in_body_m_s,
-                s.rates_rad_s,
-                s.specific_force_m_s2,
-                s.angular_acceleration_rad_s2,
-            ];
-            std::array::from_fn(|k| parts[k / 3][k % 3])
-        })
+        PyArray1::from_slice(py, &self.state).reshape([self.t_s.len(), ALL])
     }
 
     /// Their standard deviations.
     #[getter]
     fn std<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        self.table(py, |s| {
-            let euler =
-                euler_std(&s.world_from_body, &s.covariance.pose().fixed_view::<3, 3>(3, 3).into_owned());
-            std::array::from_fn(|k| {
-                if (3..POSE).contains(&k) { euler[k - 3] } else { s.covariance.variance(k).max(0.0).sqrt() }
-            })
-        })
+        PyArray1::from_slice(py, &self.std).reshape([self.t_s.len(), ALL])
     }
 
     /// Frequencies at which the smoother passes one half, of position and of attitude, Hz.
     #[getter]
     fn bandwidth_hz(&self) -> (f64, f64) {
-        (self.0.translation_bandwidth_hz, self.0.rotation_bandwidth_hz)
+        self.bandwidth_hz
     }
 
     fn __len__(&self) -> usize {
-        self.0.samples.len()
+        self.t_s.len()
     }
 }
 
-impl Motion {
-    fn table<'py>(
-        &self,
-        py: Python<'py>,
-        row: impl Fn(&MotionSample) -> [f64; ALL],
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let cells = PyArray1::from_iter(py, self.0.samples.iter().flat_map(row));
-        cells.reshape([self.0.samples.len(), ALL])
+impl From<Smoothed> for Motion {
+    fn from(motion: Smoothed) -> Self {
+        Self {
+            t_s: motion.samples.iter().map(|s| s.t_ns as f64 * 1e-9).collect(),
+            state: motion.samples.iter().flat_map(values).collect(),
+            std: motion.samples.iter().flat_map(stds).collect(),
+            bandwidth_hz: (motion.translation_bandwidth_hz, motion.rotation_bandwidth_hz),
+        }
     }
+}
+
+fn values(s: &MotionSample) -> [f64; ALL] {
+    let e = EulerAngles::from_world_from_body(&s.world_from_body);
+    let parts = [
+        s.world_from_body.translation.vector,
+        Vector3::new(e.phi_rad, e.theta_rad, e.psi_rad),
+        s.velocity_in_body_m_s,
+        s.rates_rad_s,
+        s.specific_force_m_s2,
+        s.angular_acceleration_rad_s2,
+    ];
+    std::array::from_fn(|k| parts[k / 3][k % 3])
+}
+
+fn stds(s: &MotionSample) -> [f64; ALL] {
+    let euler = euler_std(&s.world_from_body, &s.covariance.pose().fixed_view::<3, 3>(3, 3).into_owned());
+    std::array::from_fn(|k| {
+        if (3..POSE).contains(&k) { euler[k - 3] } else { s.covariance.variance(k).max(0.0).sqrt() }
+    })
 }
 
 /// Smooths poses into motion, as `mavsight run` does: strength of the jerk and level of the noise from the data.
@@ -137,8 +174,8 @@ pub(crate) fn smooth(
         let estimate = measured.then(|| estimate(&value, &spread)).ok_or(PoseError::NotMeasured);
         samples.push(PoseSample { t_ns, estimate });
     }
-    let motion = py.detach(|| mavsight_pose::smooth(&samples, gravity_m_s2));
-    motion.map(Motion).map_err(|e| wrong(e.to_string()))
+    let motion = py.detach(|| mavsight::pose::smooth(&samples, gravity_m_s2));
+    motion.map(Motion::from).map_err(|e| wrong(e.to_string()))
 }
 
 fn estimate(value: &[f64; POSE], spread: &[f64; POSE]) -> PoseEstimate {

@@ -4,12 +4,14 @@ mod convert;
 mod first;
 mod live;
 mod log;
+mod out;
 mod plan;
 
 pub(crate) use convert::{Convert, Format, Up};
 pub(crate) use first::{Check, New};
 pub(crate) use live::Live;
 pub(crate) use log::{LogMapping, ReadLog};
+pub(crate) use out::{Completions, Man, Overlay};
 pub(crate) use plan::{Campaign, Criterion, Plan, PlanCameras, PlanManoeuvre};
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -53,6 +55,8 @@ pub(crate) enum Command {
     Identify(Identify),
     /// Make report.html from the result files in a folder
     Report(Stage),
+    /// Make a video of what was found in the cameras' pictures: balls, pose, path, residuals and their ellipses
+    Overlay(Overlay),
     /// Turn cameras, trajectories, tracked points and tables into other programs' formats, and back
     Convert(Convert),
     /// List what the aircraft's own log holds: topics, rates, gaps, units, and what they can serve as
@@ -64,6 +68,10 @@ pub(crate) enum Command {
     Plan(Plan),
     /// Fly thousands of simulated flights over a grid of rigs, noise and manoeuvres
     Campaign(Campaign),
+    /// Print a script by which a shell completes commands and options
+    Completions(Completions),
+    /// Write the manual's pages, one for each command
+    Man(Man),
 }
 
 /// `demo`

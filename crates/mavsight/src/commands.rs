@@ -18,7 +18,9 @@ mod live_sources;
 mod live_virtual;
 mod log;
 mod manoeuvre;
+mod manual;
 mod new;
+mod overlay;
 mod plan;
 mod run;
 mod selftest;
@@ -42,12 +44,15 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         Command::Track(args) => stages::track(args),
         Command::Identify(args) => identify::identify(args),
         Command::Report(args) => stages::report(args),
+        Command::Overlay(args) => overlay::overlay(args),
         Command::Convert(args) => convert::convert(args),
         Command::Log(args) => log::log(args),
         Command::Selftest(args) => selftest::selftest(args),
         Command::Plan(Plan::Cameras(args)) => plan::cameras(args),
         Command::Plan(Plan::Manoeuvre(args)) => manoeuvre::manoeuvre(args),
         Command::Campaign(args) => campaign::campaign(args),
+        Command::Completions(args) => manual::completions(args),
+        Command::Man(args) => manual::pages(args),
     }
 }
 

@@ -10,7 +10,14 @@
 //!
 //! `engine::run` does the same in one call, and [`report`] writes the figures and `report.html`.
 
+mod cli;
+mod commands;
 pub mod lab;
+mod out;
+mod program;
+mod progress;
+
+pub use program::command_line;
 
 pub use mavsight_engine as engine;
 pub use mavsight_flight as flight;

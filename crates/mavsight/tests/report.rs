@@ -67,7 +67,7 @@ fn rings_and_crosses_agree(page: &str) {
         .skip(1)
         .map(|cross| {
             let d = cross.split("d=\"M").nth(1).unwrap();
-            let mut numbers = d.split([' ', 'h']).map(|n| n.parse::<f64>().unwrap_or(f64::NAN));
+            let mut numbers = d.split([' ', 'L', 'M']).map(|n| n.parse::<f64>().unwrap_or(f64::NAN));
             [numbers.next().unwrap() + 9.0, numbers.next().unwrap()]
         })
         .collect();

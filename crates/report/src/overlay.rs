@@ -1,12 +1,13 @@
 //! A frame of each camera with what was found in it.
 
+use crate::marks::{Kind, Mark};
 use crate::symbols::escaped;
 use crate::{Figure, ReportError};
 use base64::Engine;
 use image::codecs::jpeg::JpegEncoder;
 use image::imageops::FilterType;
 use mavsight_flight::Vehicle;
-use mavsight_geometry::{Camera, ImageSize, Isometry3, Point3, Vector2, Vector3};
+use mavsight_geometry::{Camera, ImageSize, Isometry3, Matrix2, Point3, Vector2, Vector3};
 use mavsight_pipeline::TimedFrame;
 use mavsight_pose::MarkerObservation;
 use mavsight_session::RunResults;
@@ -16,10 +17,13 @@ use mavsight_vision::Frame;
 const WHOLE_PX: u32 = 1280;
 const PART_PX: u32 = 720;
 const JPEG_QUALITY: u8 = 85;
+/// Radius of a ring around a detection, and half a cross at a prediction, in the picture of the page.
+const RING: f64 = 17.0;
+const CROSS: f64 = 9.0;
 /// The part of a frame that is shown reaches so many times as far as the balls.
 const AROUND: f64 = 1.7;
 /// It is not smaller than this share of the frame's height.
-const LEAST_SHARE: f64 = 0.2;
+pub(crate) const LEAST_SHARE: f64 = 0.2;
 
 /// The part of a frame around the aircraft, with the balls as they were detected, as the pose puts them, and the
 /// body's axes.
@@ -38,7 +42,7 @@ pub(crate) struct Overlay {
 pub(crate) fn overlays(vehicle: &Vehicle, results: &RunResults) -> Result<Vec<Overlay>, ReportError> {
     let cameras = results.rig.iter().flat_map(|rig| &rig.cameras).zip(&results.pictures).enumerate();
     let drawn = cameras.map(|(k, (camera, picture))| {
-        let found = Found::of(k, &camera.camera, vehicle, results, picture.t_ns);
+        let found = Found::of(k, &camera.camera, vehicle, results, |_| picture.t_ns);
         let title = format!("{} at {:.2} s", camera.name, picture.t_ns as f64 * 1e-9);
         found.map(|found| found.draw(&title, picture)).transpose()
     });
@@ -46,30 +50,61 @@ pub(crate) fn overlays(vehicle: &Vehicle, results: &RunResults) -> Result<Vec<Ov
 }
 
 /// What was found of the aircraft in a frame.
-struct Found {
-    detected: Vec<Vector2<f64>>,
-    predicted: Vec<Vector2<f64>>,
+pub(crate) struct Found {
+    pub detected: Vec<Vector2<f64>>,
+    pub predicted: Vec<Vector2<f64>>,
     /// The origin and the ends of the axes.
-    axes: Option<[Vector2<f64>; 4]>,
+    pub axes: Option<[Vector2<f64>; 4]>,
+    /// Detections less predictions, each at its prediction, with the detection's covariance, px².
+    pub residuals: Vec<Residual>,
+}
+
+/// How far a ball was detected from where the pose puts it.
+pub(crate) struct Residual {
+    pub predicted: Vector2<f64>,
+    pub residual_px: Vector2<f64>,
+    pub covariance_px2: Matrix2<f64>,
 }
 
 impl Found {
-    fn of(k: usize, camera: &Camera, vehicle: &Vehicle, results: &RunResults, t_ns: i64) -> Option<Self> {
-        let world_from_body = pose_at(results, t_ns);
-        let pixel = |in_body: Vector3<f64>| {
-            let in_world = world_from_body? * Point3::from(in_body);
+    /// What was found at a time of the common clock; a function gives the time at which the row of a pixel was exposed.
+    pub(crate) fn of(
+        k: usize,
+        camera: &Camera,
+        vehicle: &Vehicle,
+        results: &RunResults,
+        exposed_ns: impl Fn(&Vector2<f64>) -> i64,
+    ) -> Option<Self> {
+        let middle = Vector2::new(f64::from(camera.size.width_px), f64::from(camera.size.height_px)) / 2.0;
+        let pixel = |in_body: Vector3<f64>, t_ns: i64| {
+            let in_world = pose_at(results, t_ns)? * Point3::from(in_body);
             Some(camera.project(&in_world.coords).ok()?.pixel)
         };
-        let own = |marker: usize| results.markers.iter().filter(move |o| o.camera == k && o.marker == marker);
-        let detected = (0..vehicle.marker.len())
-            .filter_map(|marker| detection_at(own(marker), t_ns))
-            .collect::<Vec<_>>();
-        let predicted: Vec<_> =
-            vehicle.marker.iter().filter_map(|m| pixel(Vector3::from(m.position_m))).collect();
+        // A row is exposed at a time that depends on where in the image it is.
+        let seen = |in_body: Vector3<f64>| {
+            let about = pixel(in_body, exposed_ns(&middle))?;
+            pixel(in_body, exposed_ns(&about))
+        };
+        let mut found = Self { detected: vec![], predicted: vec![], axes: None, residuals: vec![] };
+        for (marker, ball) in vehicle.marker.iter().enumerate() {
+            // The poses are of the markers as the flight has shown them, where it has.
+            let position_m = results.body.get(marker).map_or(ball.position_m.into(), |b| b.position_m);
+            let predicted = seen(position_m);
+            let t_ns = exposed_ns(predicted.as_ref().unwrap_or(&middle));
+            let own = near(&results.markers, t_ns, |o| o.t_ns).iter();
+            let own = own.filter(|o| o.camera == k && o.marker == marker);
+            let detected = detection_at(own, t_ns);
+            if let Some((predicted, (pixel, covariance_px2))) = predicted.zip(detected) {
+                let residual_px = pixel - predicted;
+                found.residuals.push(Residual { predicted, residual_px, covariance_px2 });
+            }
+            found.predicted.extend(predicted);
+            found.detected.extend(detected.map(|d| d.0));
+        }
         let reach_m = vehicle.marker.iter().map(|m| Vector3::from(m.position_m).norm()).fold(0.0, f64::max);
-        let end = |k: usize| pixel(Vector3::ith(k, reach_m));
-        let axes = || Some([pixel(Vector3::zeros())?, end(0)?, end(1)?, end(2)?]);
-        let found = Self { detected, predicted, axes: axes() };
+        let end = |k: usize| seen(Vector3::ith(k, reach_m));
+        let axes = || Some([seen(Vector3::zeros())?, end(0)?, end(1)?, end(2)?]);
+        found.axes = axes();
         (!found.detected.is_empty() || !found.predicted.is_empty()).then_some(found)
     }
 
@@ -79,29 +114,7 @@ impl Found {
         let scale = f64::from(PART_PX) / part.width;
         // The middle of the first pixel is half a pixel from the corner.
         let at = |p: &Vector2<f64>| [scale * (p.x + 0.5 - part.left), scale * (p.y + 0.5 - part.top)];
-        let mut marks = String::new();
-        if let Some([origin, ends @ ..]) = &self.axes {
-            let [x0, y0] = at(origin);
-            for (end, name) in ends.iter().zip(["x", "y", "z"]) {
-                let [x, y] = at(end);
-                let line = format!("M{x0:.1} {y0:.1}L{x:.1} {y:.1}");
-                marks +=
-                    &format!("<path class=\"halo\" d=\"{line}\"/><path class=\"axis-{name}\" d=\"{line}\"/>");
-                marks +=
-                    &format!("<text class=\"mark\" x=\"{:.1}\" y=\"{:.1}\">{name}</text>", x + 8.0, y + 8.0);
-            }
-        }
-        for p in &self.detected {
-            let [x, y] = at(p);
-            marks += &format!("<circle class=\"halo\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"17\"/>");
-            marks += &format!("<circle class=\"detected\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"17\"/>");
-        }
-        for p in &self.predicted {
-            let [x, y] = at(p);
-            let cross = format!("M{:.1} {y:.1}h18M{x:.1} {:.1}v18", x - 9.0, y - 9.0);
-            marks +=
-                &format!("<path class=\"halo\" d=\"{cross}\"/><path class=\"predicted\" d=\"{cross}\"/>");
-        }
+        let marks: String = self.marks(at, 1.0).iter().map(Mark::svg).collect();
         let side = PART_PX;
         let label = format!(
             "{}: {} balls detected, {} as the pose puts them, and the body's axes",
@@ -117,14 +130,35 @@ impl Found {
         Ok(Overlay { title: title.to_owned(), markup, address, detected: self.detected.len() })
     }
 
+    /// Axes, rings and crosses at places of a picture, so many times as large as in the page.
+    pub(crate) fn marks(&self, at: impl Fn(&Vector2<f64>) -> [f64; 2], scale: f64) -> Vec<Mark> {
+        let mut marks = Vec::new();
+        if let Some([origin, ends @ ..]) = &self.axes {
+            for (k, (end, name)) in ends.iter().zip(["x", "y", "z"]).enumerate() {
+                let [x, y] = at(end);
+                marks.push(Mark::Lines(Kind::Axis(k), vec![vec![at(origin), [x, y]]]));
+                marks.push(Mark::Words([x + 8.0 * scale, y + 8.0 * scale], name.to_owned()));
+            }
+        }
+        marks.extend(self.detected.iter().map(|p| Mark::Ring(Kind::Detected, at(p), RING * scale)));
+        marks.extend(self.predicted.iter().map(|p| Mark::cross(Kind::Predicted, at(p), CROSS * scale)));
+        marks
+    }
+
     /// A square around all that was found.
-    fn part(&self, size: ImageSize) -> Part {
+    pub(crate) fn part(&self, size: ImageSize) -> Part {
+        self.part_of_width(size, 0.0)
+    }
+
+    /// The same, not smaller than said.
+    pub(crate) fn part_of_width(&self, size: ImageSize, least_px: f64) -> Part {
         let all = || self.detected.iter().chain(&self.predicted).chain(self.axes.iter().flatten());
         let bounds =
             |value: fn(&Vector2<f64>) -> f64| crate::chart::bounds(all().map(value)).unwrap_or_default();
         let ((left, right), (top, bottom)) = (bounds(|p| p.x), bounds(|p| p.y));
         let most = f64::from(size.width_px.min(size.height_px));
-        let width = (AROUND * f64::max(right - left, bottom - top)).max(LEAST_SHARE * most).min(most).round();
+        let around = AROUND * f64::max(right - left, bottom - top);
+        let width = around.max(LEAST_SHARE * most).max(least_px).min(most).round();
         let corner =
             |middle: f64, side: u32| (middle - width / 2.0).clamp(0.0, f64::from(side) - width).round();
         Part {
@@ -137,34 +171,46 @@ impl Found {
 
 /// A square part of a frame, in pixels from the corner of the first.
 #[derive(Clone, Copy)]
-struct Part {
-    left: f64,
-    top: f64,
-    width: f64,
+pub(crate) struct Part {
+    pub left: f64,
+    pub top: f64,
+    pub width: f64,
 }
 
 /// The pose at a time, between those before and after it.
-fn pose_at(results: &RunResults, t_ns: i64) -> Option<Isometry3<f64>> {
-    let known =
-        results.poses.iter().filter_map(|p| Some((p.t_ns, p.estimate.as_ref().ok()?.world_from_body)));
+pub(crate) fn pose_at(results: &RunResults, t_ns: i64) -> Option<Isometry3<f64>> {
+    let known = near(&results.poses, t_ns, |p| p.t_ns).iter();
+    let known = known.filter_map(|p| Some((p.t_ns, p.estimate.as_ref().ok()?.world_from_body)));
     let (before, after) = around(known, t_ns)?;
     let part = part_between(before.0, after.0, t_ns);
     Some(before.1.try_lerp_slerp(&after.1, part, 1e-9).unwrap_or(before.1))
 }
 
-/// Where a marker was detected at a time, between the detections before and after it.
-fn detection_at<'a>(own: impl Iterator<Item = &'a MarkerObservation>, t_ns: i64) -> Option<Vector2<f64>> {
-    let (before, after) = around(own.map(|o| (o.t_ns, o.pixel)), t_ns)?;
-    Some(before.1.lerp(&after.1, part_between(before.0, after.0, t_ns)))
+/// Where a marker was detected at a time, between the detections before and after it, with the covariance of the nearer.
+fn detection_at<'a>(
+    own: impl Iterator<Item = &'a MarkerObservation>,
+    t_ns: i64,
+) -> Option<(Vector2<f64>, Matrix2<f64>)> {
+    let (before, after) = around(own.map(|o| (o.t_ns, (o.pixel, o.covariance_px2))), t_ns)?;
+    let part = part_between(before.0, after.0, t_ns);
+    let nearer = if part < 0.5 { before.1.1 } else { after.1.1 };
+    Some((before.1.0.lerp(&after.1.0, part), nearer))
 }
 
 /// Longest time between two instants between which something is taken as on a line.
 const NEAR_NS: i64 = 100_000_000;
 
-/// The last of them up to a time and the first from it on; none where these are far from it.
+/// Those of a list in order of time that are near a time.
+pub(crate) fn near<T>(all: &[T], t_ns: i64, time_ns: impl Fn(&T) -> i64) -> &[T] {
+    let from = all.partition_point(|item| time_ns(item) <= t_ns - NEAR_NS);
+    let to = from + all[from..].partition_point(|item| time_ns(item) < t_ns + NEAR_NS);
+    &all[from..to]
+}
+
+/// The last of them up to a time and the first from it on, of those that are near it.
 fn around<T: Clone>(all: impl Iterator<Item = (i64, T)>, t_ns: i64) -> Option<((i64, T), (i64, T))> {
     let (mut before, mut after) = (None::<(i64, T)>, None::<(i64, T)>);
-    for item in all.filter(|item| (item.0 - t_ns).abs() < NEAR_NS) {
+    for item in all {
         if item.0 <= t_ns && before.as_ref().is_none_or(|b| item.0 > b.0) {
             before = Some(item.clone());
         }
@@ -235,12 +281,20 @@ fn whole(frame: &Frame) -> Result<String, ReportError> {
 }
 
 fn part_of(frame: &Frame, part: Part) -> Result<String, ReportError> {
-    let [left, top, width] = [part.left, part.top, part.width].map(|v| v as u32);
-    let mut rgb = vec![0; 3 * (width * width) as usize];
-    for (row, y) in rgb.chunks_exact_mut(3 * width.max(1) as usize).zip(top..) {
-        frame.rgb_row(y as usize, left as usize, (left + width) as usize, row);
+    let width = part.width as u32;
+    jpeg(part.rgb(frame), width, width, PART_PX)
+}
+
+impl Part {
+    /// Its pixels.
+    pub(crate) fn rgb(&self, frame: &Frame) -> Vec<u8> {
+        let [left, top, width] = [self.left, self.top, self.width].map(|v| v as usize);
+        let mut rgb = vec![0; 3 * width * width];
+        for (row, y) in rgb.chunks_exact_mut(3 * width.max(1)).zip(top..) {
+            frame.rgb_row(y, left, left + width, row);
+        }
+        rgb
     }
-    jpeg(rgb, width, width, PART_PX)
 }
 
 /// A picture as the address of an image, not wider than said.
@@ -271,26 +325,28 @@ mod tests {
             covariance_px2: mavsight_geometry::Matrix2::identity(),
         };
         let all = [seen(0, 100.0), seen(30, 130.0), seen(60, 190.0)];
-        let at = |t_ms: i64| detection_at(all.iter(), t_ms * 1_000_000).map(|p| p.x);
+        let at = |t_ms: i64| {
+            let t_ns = t_ms * 1_000_000;
+            detection_at(near(&all, t_ns, |o| o.t_ns).iter(), t_ns).map(|p| p.0.x)
+        };
         assert_eq!((at(30), at(40), at(61)), (Some(130.0), Some(150.0), Some(190.0)));
         assert_eq!(at(500), None);
+    }
+
+    fn nothing() -> Found {
+        Found { detected: vec![], predicted: vec![], axes: None, residuals: vec![] }
     }
 
     #[test]
     fn the_part_of_a_frame_is_a_square_within_it() {
         let size = ImageSize { width_px: 64, height_px: 48 };
-        let found =
-            |x: f64, y: f64| Found { detected: vec![Vector2::new(x, y)], predicted: vec![], axes: None };
+        let found = |x: f64, y: f64| Found { detected: vec![Vector2::new(x, y)], ..nothing() };
         for (x, y) in [(0.0, 0.0), (63.0, 47.0), (-500.0, 20.0), (30.0, 20.0)] {
             let Part { left, top, width } = found(x, y).part(size);
             assert!(left >= 0.0 && top >= 0.0 && width >= 1.0, "{left} {top} {width}");
             assert!(left + width <= 64.0 && top + width <= 48.0, "{left} {top} {width}");
         }
-        let wide = Found {
-            detected: vec![Vector2::zeros(), Vector2::new(60.0, 0.0)],
-            predicted: vec![],
-            axes: None,
-        };
+        let wide = Found { detected: vec![Vector2::zeros(), Vector2::new(60.0, 0.0)], ..nothing() };
         assert_eq!(wide.part(size).width, 48.0);
     }
 

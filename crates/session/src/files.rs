@@ -4,7 +4,7 @@ use crate::SessionError;
 use crate::error::read_text;
 use serde::{Serialize, de::DeserializeOwned};
 use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::{BufWriter, Seek, Write};
 use std::path::{Path, PathBuf};
 
 /// A file written next to its place: renamed into it when whole, gone when dropped before.
@@ -33,6 +33,13 @@ impl PartFile {
         });
         written.map_err(|e| SessionError::io(path, "write it", e))?;
         Ok(this)
+    }
+
+    /// What was written, to be gone on with at its end.
+    pub(crate) fn append(&self) -> std::io::Result<File> {
+        let mut file = File::options().write(true).open(&self.part)?;
+        file.seek(std::io::SeekFrom::End(0))?;
+        Ok(file)
     }
 
     pub(crate) fn keep(&self) -> Result<(), SessionError> {

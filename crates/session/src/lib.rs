@@ -22,8 +22,8 @@ pub use files::{make_folder, read_toml, write_json, write_toml, write_whole};
 pub use mavsight_link::LiveSection;
 pub use results::{
     FlightTable, MarkerAsBuilt, RESULTS_SCHEMA, RunResults, has_assumed_std, read_body, read_flight_table,
-    read_markers, read_motion, read_poses, read_rig, read_summary, write_markers, write_markers_early,
-    write_pooled, write_results, write_rig,
+    read_markers, read_motion, read_poses, read_rig, read_summary, result_tables, write_markers,
+    write_markers_early, write_pooled, write_results, write_rig,
 };
 pub use session_file::{
     ControlSection, Estimate, FieldOrder, LineTime, RigSection, SESSION_SCHEMA, SessionCamera, SessionFile,
@@ -31,7 +31,9 @@ pub use session_file::{
 };
 pub use table::{Row, Table, write_csv};
 pub use tables::{read_control_points, write_control_points, write_inputs, write_numbers};
-pub use video::{FrameSource, LiveVideo, Y4mWriter, ffmpeg_program, find_clap, read_image, write_png};
+pub use video::{
+    FrameSource, LiveVideo, VideoWriter, Y4mWriter, ffmpeg_program, find_clap, read_image, write_png,
+};
 
 /// Seconds as the nearest nanoseconds.
 pub fn ns_from_s(t_s: f64) -> i64 {

@@ -15,7 +15,7 @@ use mavsight_pose::{ClockEstimate, MarkerObservation, Motion, PoseSample, Rig};
 pub use read::{MarkerAsBuilt, has_assumed_std, read_body, read_markers, read_poses, read_summary};
 pub use read_motion::{FlightTable, read_flight_table, read_motion};
 pub use rig_file::{read_rig, write_rig};
-pub use write::{EarlyFile, write_markers, write_markers_early, write_pooled, write_results};
+pub use write::{EarlyFile, result_tables, write_markers, write_markers_early, write_pooled, write_results};
 
 /// Version of `summary.json` and of the tables in its folder.
 pub const RESULTS_SCHEMA: u32 = 1;

@@ -8,6 +8,7 @@ mod live;
 mod mp4;
 mod mp4_times;
 mod planes;
+mod write;
 mod y4m;
 
 use crate::{FieldOrder, SessionError};
@@ -20,6 +21,7 @@ pub use ffmpeg::program as ffmpeg_program;
 pub(crate) use images::is_pattern;
 pub use images::{read_image, write_png};
 pub use live::LiveVideo;
+pub use write::VideoWriter;
 pub use y4m::Y4mWriter;
 
 /// Frames in order of time, each with the middle of its exposure in nanoseconds.

@@ -5,6 +5,7 @@
 
 mod board;
 mod centre;
+mod coded;
 mod color;
 mod colored;
 mod detect;

@@ -89,6 +89,46 @@ pub fn write_markers_early(
     Ok(())
 }
 
+/// What a table writes.
+type Content<'a> = Box<dyn Fn(&mut dyn Write) -> io::Result<()> + 'a>;
+
+/// The tables that there are of some results, each with the name of its file.
+fn tables(results: &RunResults) -> Vec<(&'static str, Content<'_>)> {
+    let mut tables: Vec<(&'static str, Content<'_>)> = Vec::new();
+    if !results.poses.is_empty() || !results.markers.is_empty() {
+        tables.push((names::MARKERS, Box::new(|out| markers(results.markers.iter().cloned(), results, out))));
+        tables.push((names::POSE, Box::new(|out| poses(results, out))));
+    }
+    if !results.body.is_empty() {
+        tables.push((names::BODY, Box::new(|out| body(&results.body, out))));
+    }
+    if let Some(motion) = &results.motion {
+        tables.push((names::MOTION, Box::new(|out| motion_table(motion, results.log.as_ref(), out))));
+    }
+    if let Some(table) = &results.coefficients {
+        tables.push((names::COEFFICIENTS, Box::new(|out| coefficients(table, out))));
+    }
+    if results.identification.is_some() || results.output_error.named().next().is_some() {
+        tables.push((names::PARAMETERS, Box::new(|out| parameters(results, out))));
+    }
+    tables
+}
+
+/// The text of each table that [`write_results`] would write, with the name of its file; of a long flight `markers.csv` has
+/// what the results keep.
+///
+/// # Errors
+/// None but for a table that is no text.
+pub fn result_tables(results: &RunResults) -> Result<Vec<(&'static str, String)>, SessionError> {
+    let text = |(name, content): (&'static str, Content<'_>)| {
+        let mut bytes = Vec::new();
+        let refused = |e| SessionError::io(Path::new(name), "write it", e);
+        content(&mut bytes).map_err(refused)?;
+        String::from_utf8(bytes).map(|text| (name, text)).map_err(|e| refused(io::Error::other(e)))
+    };
+    tables(results).into_iter().map(text).collect()
+}
+
 fn parts(results: &RunResults, folder: &Path) -> Result<Vec<(&'static str, Arc<PartFile>)>, SessionError> {
     let mut parts: Vec<(&'static str, Arc<PartFile>)> = Vec::new();
     if let Some(EarlyFile(early)) = &results.markers_file {
@@ -101,23 +141,11 @@ fn parts(results: &RunResults, folder: &Path) -> Result<Vec<(&'static str, Arc<P
         let text = rig_file::text(rig, &folder.join(names::RIG))?;
         part(names::RIG, &|out| out.write_all(text.as_bytes()))?;
     }
-    if !results.poses.is_empty() || !results.markers.is_empty() {
-        if results.markers_file.is_none() {
-            part(names::MARKERS, &|out| markers(results.markers.iter().cloned(), results, out))?;
+    for (name, content) in tables(results) {
+        // Those of a long flight wait already.
+        if name != names::MARKERS || results.markers_file.is_none() {
+            part(name, &content)?;
         }
-        part(names::POSE, &|out| poses(results, out))?;
-    }
-    if !results.body.is_empty() {
-        part(names::BODY, &|out| body(&results.body, out))?;
-    }
-    if let Some(motion) = &results.motion {
-        part(names::MOTION, &|out| motion_table(motion, results.log.as_ref(), out))?;
-    }
-    if let Some(table) = &results.coefficients {
-        part(names::COEFFICIENTS, &|out| coefficients(table, out))?;
-    }
-    if results.identification.is_some() || results.output_error.named().next().is_some() {
-        part(names::PARAMETERS, &|out| parameters(results, out))?;
     }
     if let Some(summary) = summary(results) {
         let text = json_text(&folder.join(names::SUMMARY), &summary)?;
