@@ -27,6 +27,6 @@ pub(crate) mod test_sets;
 mod tests;
 
 pub use model::{CameraModel, Lens, Pixels};
-pub use moved::MovedObject;
-pub use rig::{CameraControl, ControlResidual, LeftOut, LeftOutReason, Rig, RigCamera};
+pub use moved::{MovedObject, ObjectDoubt, ObjectImages, ObjectLags};
+pub use rig::{ByFlight, CameraControl, ControlResidual, ImagesUsed, LeftOut, LeftOutReason, Rig, RigCamera};
 pub use solve::{calibrate, calibrate_with, predict_calibration};

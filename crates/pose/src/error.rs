@@ -254,6 +254,22 @@ pub enum PoseError {
         /// Places needed.
         needed: usize,
     },
+    /// A camera with too few control points, whose place the other cameras do not determine either.
+    #[error(
+        "camera {camera} sees {points} control points of the {needed} that it needs by itself, and {places} places of the {objects} that two other cameras see too, which do not determine it: fly through its view where two others look on, or turn it so that it sees {needed} control points"
+    )]
+    FewControlPoints {
+        /// The camera.
+        camera: String,
+        /// Control points in its view.
+        points: usize,
+        /// The objects.
+        objects: String,
+        /// Places that it shares with two other cameras.
+        places: usize,
+        /// Control points that it needs.
+        needed: usize,
+    },
     /// Control points that do not fix the world's axes.
     #[error(
         "{found} control points are seen by two cameras and not on one line: the world's axes need {needed}; survey more of them, or leave all out and have the axes of the first camera"

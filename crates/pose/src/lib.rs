@@ -24,8 +24,9 @@ mod three_points;
 
 pub use associate::{Association, Associator, MovedCamera};
 pub use calibrate::{
-    CameraControl, CameraModel, ControlResidual, LeftOut, LeftOutReason, Lens, MovedObject, Pixels, Rig,
-    RigCamera, calibrate, calibrate_with, predict_calibration,
+    ByFlight, CameraControl, CameraModel, ControlResidual, ImagesUsed, LeftOut, LeftOutReason, Lens,
+    MovedObject, ObjectDoubt, ObjectImages, ObjectLags, Pixels, Rig, RigCamera, calibrate, calibrate_with,
+    predict_calibration,
 };
 pub use clock::{
     CameraClock, CameraStream, ClockEstimate, ClockPrior, ClockVerdict, PathPoint, PathVelocity, PixelPath,

@@ -19,23 +19,31 @@ pub(crate) struct Instant {
     pub(crate) world_from_body: Isometry3<f64>,
 }
 
-/// What all instants share. A change of it has 16 rows a camera, then 3 for each point and 2 for each point
-/// in each camera (camera by camera), the last two where they are free.
+/// Rounds in which the lags of an instant and its pose follow each other; two or three converge.
+const LAG_ROUNDS: usize = 8;
+
+/// What all instants share. A change of it has 16 rows a camera, then 3 for each point, 2 for each point in each
+/// camera (camera by camera) and one for the lag of each camera, the last three where they are free.
 #[derive(Clone)]
 pub(crate) struct Shared {
     pub(crate) cameras: Vec<Camera>,
     pub(crate) points: Vec<BodyMarker>,
     /// Constant errors of centres, camera by camera, point by point.
     pub(crate) offsets_px: Vec<Vector2<f64>>,
+    /// Of each camera behind the common clock: of the instant at hand, where cameras are not in step.
+    pub(crate) lags_s: Vec<f64>,
     pub(crate) free_points: bool,
     pub(crate) free_offsets: bool,
+    pub(crate) free_lags: bool,
 }
 
 impl Shared {
     /// Bodies with exact points and no offsets.
     pub(crate) fn new(cameras: Vec<Camera>, points: Vec<BodyMarker>) -> Self {
         let offsets_px = vec![Vector2::zeros(); cameras.len() * points.len()];
-        Self { cameras, points, offsets_px, free_points: false, free_offsets: false }
+        let lags_s = vec![0.0; cameras.len()];
+        let (free_points, free_offsets, free_lags) = (false, false, false);
+        Self { cameras, points, offsets_px, lags_s, free_points, free_offsets, free_lags }
     }
 
     pub(crate) fn first_point(&self) -> usize {
@@ -46,8 +54,12 @@ impl Shared {
         self.first_point() + if self.free_points { 3 * self.points.len() } else { 0 }
     }
 
-    pub(crate) fn rows(&self) -> usize {
+    pub(crate) fn first_lag(&self) -> usize {
         self.first_offset() + if self.free_offsets { 2 * self.offsets_px.len() } else { 0 }
+    }
+
+    pub(crate) fn rows(&self) -> usize {
+        self.first_lag() + if self.free_lags { self.lags_s.len() } else { 0 }
     }
 
     fn offset(&self, o: &PointObservation) -> usize {
@@ -59,7 +71,8 @@ impl Shared {
     }
 
     fn corrected(&self, o: &PointObservation) -> PointObservation {
-        PointObservation { pixel: o.pixel - self.offsets_px[self.offset(o)], ..*o }
+        let late_px = o.velocity_px_s * self.lags_s[o.camera];
+        PointObservation { pixel: o.pixel - self.offsets_px[self.offset(o)] - late_px, ..*o }
     }
 
     /// Measured less predicted pixel; `None` where the point is not in view.
@@ -81,6 +94,50 @@ impl Shared {
         let fit = self.scene().descend(&own, near, bound2(factor), converged, POSE_STEPS).ok()?;
         Some(fit.world_from_body)
     }
+
+    /// The equations of an instant whose cameras are not in step: their lags, of a standard deviation, are brought to
+    /// their minimum together with the pose, and are eliminated like it.
+    pub(crate) fn out_of_step(
+        &mut self,
+        Instant { observations, world_from_body }: &Instant,
+        std_s: f64,
+        factor: f64,
+    ) -> Option<OutOfStep> {
+        let scale = if factor.is_finite() { factor } else { 1.0 };
+        let (weight, first, n) = (scale / (std_s * std_s), self.first_lag(), self.lags_s.len());
+        let mut pose = *world_from_body;
+        let mut round = 0;
+        loop {
+            pose = self.best_pose(observations, &pose, factor)?;
+            let mut own = Reduced::new(self.rows());
+            own.add(self, observations, &pose, factor)?;
+            let lags = DVector::from_column_slice(&self.lags_s);
+            let mut slope = own.gradient.rows_mut(first, n);
+            slope -= &lags * weight;
+            let mut information = own.normal.view((first, first), (n, n)).into_owned();
+            (0..n).for_each(|k| information[(k, k)] += weight);
+            let covariance = information.cholesky()?.inverse();
+            let step = &covariance * own.gradient.rows(first, n);
+            round += 1;
+            if round == LAG_ROUNDS || step.amax() < 1e-3 * covariance.diagonal().max().sqrt() {
+                own.loss += weight * lags.norm_squared();
+                own.eliminate_changes(first, weight)?;
+                // What the last step, which is not taken, would have gained.
+                own.loss -= own.gain;
+                let determined = n as f64 - weight * covariance.trace();
+                return Some(OutOfStep { reduced: own, pose, determined });
+            }
+            self.lags_s.iter_mut().zip(step.iter()).for_each(|(lag, step)| *lag += step);
+        }
+    }
+}
+
+/// An instant whose cameras are not in step, under lags that are in [`Shared::lags_s`].
+pub(crate) struct OutOfStep {
+    pub(crate) reduced: Reduced,
+    pub(crate) pose: Isometry3<f64>,
+    /// How many of the lags it determines itself.
+    pub(crate) determined: f64,
 }
 
 /// Normal equations of what is shared, with the poses at their minima and eliminated.
@@ -123,17 +180,19 @@ impl Reduced {
             let weighted = at.by_pose.transpose() * weight;
             own += weighted * at.by_pose;
             slope += weighted * at.whitened;
-            // Columns of this observation: its camera's, its point's, its offset's.
-            let mut by = SMatrix::<f64, 2, { CAMERA_PARAMETERS + 5 }>::zeros();
+            // Columns of this observation: its camera's, its point's, its offset's, its lag's.
+            let mut by = SMatrix::<f64, 2, { CAMERA_PARAMETERS + 6 }>::zeros();
             let by_camera = shared.cameras[o.camera].d_pixel_d_camera(&at.centre_in_world).ok()?;
             let by_point = at.projection.d_pixel_d_point_in_world * matrix_of(&pose.rotation);
             by.fixed_columns_mut::<CAMERA_PARAMETERS>(0).copy_from(&(o.whitener * by_camera));
             by.fixed_columns_mut::<3>(CAMERA_PARAMETERS).copy_from(&(o.whitener * by_point));
             by.fixed_columns_mut::<2>(CAMERA_PARAMETERS + 3).copy_from(&o.whitener);
+            by.set_column(CAMERA_PARAMETERS + 5, &(o.whitener * o.velocity_px_s));
             let blocks = [
                 (true, 0, CAMERA_PARAMETERS, CAMERA_PARAMETERS * o.camera),
                 (shared.free_points, CAMERA_PARAMETERS, 3, shared.first_point() + 3 * o.point),
                 (shared.free_offsets, CAMERA_PARAMETERS + 3, 2, shared.first_offset() + 2 * shared.offset(o)),
+                (shared.free_lags, CAMERA_PARAMETERS + 5, 1, shared.first_lag() + o.camera),
             ];
             for (_, from, n, row) in blocks.iter().filter(|b| b.0) {
                 let block = by.columns(*from, *n);
@@ -237,7 +296,15 @@ mod tests {
                 let noise = Vector2::from(random.normals());
                 let covariance_px2 = Matrix2::identity();
                 let whitener = Matrix2::new(1.0, 0.0, 0.2, 1.5);
-                PointObservation { camera, point, pixel: seen + noise, covariance_px2, whitener }
+                let velocity_px_s = Vector2::zeros();
+                PointObservation {
+                    camera,
+                    point,
+                    pixel: seen + noise,
+                    covariance_px2,
+                    whitener,
+                    velocity_px_s,
+                }
             })
             .collect();
         // Some of the residuals are longer than Huber's bound.

@@ -30,6 +30,8 @@ pub(crate) struct PointObservation {
     pub(crate) covariance_px2: Matrix2<f64>,
     /// Wᵀ W is the inverse of the covariance.
     pub(crate) whitener: Matrix2<f64>,
+    /// Velocity of the image, by which it moves where its camera is not in step; zero where it is.
+    pub(crate) velocity_px_s: Vector2<f64>,
 }
 
 impl PointObservation {
@@ -41,7 +43,8 @@ impl PointObservation {
         covariance_px2: Matrix2<f64>,
     ) -> Option<Self> {
         let whitener = whitener(&covariance_px2).filter(|_| pixel.iter().all(|x| x.is_finite()))?;
-        Some(Self { camera, point, pixel, covariance_px2, whitener })
+        let velocity_px_s = Vector2::zeros();
+        Some(Self { camera, point, pixel, covariance_px2, whitener, velocity_px_s })
     }
 
     /// The observation of a marker by one of `cameras` cameras, of a body with `points` points.

@@ -306,7 +306,7 @@ mod tests {
         };
         let cameras = vec![camera("a", -1.0), camera("b", 0.0), camera("c", 1.0)];
         let uncertainty = DMatrix::from_fn(48, 2, |i, j| (i / 16) as f64 + 10.0 * j as f64);
-        Rig { cameras, uncertainty, left_out: vec![], frames: 0 }
+        Rig { cameras, uncertainty, ..Rig::default() }
     }
 
     #[test]

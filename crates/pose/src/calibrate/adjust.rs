@@ -83,7 +83,9 @@ impl Adjustment<'_> {
             models: self.models.to_vec(),
             state,
             variance_factor: factor,
-            freedom: PRIOR_FREEDOM + n - (free - equations.determined_by_priors(&covariance)),
+            freedom: PRIOR_FREEDOM + n
+                - equations.lags
+                - (free - equations.determined_by_priors(&covariance)),
             covariance,
             layout: self.layout.clone(),
             log_evidence: equations.log_prior_weight() + self.log_density_of_strays() - 0.5 * deviance,
@@ -153,8 +155,10 @@ impl Fit {
     pub(super) fn object_residuals(&self, problem: &Problem, camera: usize) -> ObjectResiduals {
         let mut out = ObjectResiduals::default();
         for (k, object) in problem.moved.iter().enumerate() {
-            let shared = object.shared(&self.state.cameras, self.state.scales[k]);
-            for (place, pose) in object.places.iter().zip(&self.state.poses[k]) {
+            let mut shared = object.adjusted(&self.state, k);
+            let states = self.state.poses[k].iter().zip(&self.state.lags_s[k]);
+            for (place, (pose, lags_s)) in object.places.iter().zip(states) {
+                shared.lags_s.clone_from(lags_s);
                 for o in place.observations.iter().filter(|o| o.camera == camera) {
                     let Some(residual_px) = shared.residual_px(o, pose) else { continue };
                     out.squares_px2 += residual_px.norm_squared();

@@ -21,29 +21,32 @@ pub(super) struct Chosen {
 
 /// Cameras to start from; a camera without used observations keeps a neutral one.
 pub(super) fn start_cameras(data: Data) -> Result<Vec<Camera>, PoseError> {
-    let Data { problem, choice } = data;
+    let Data { problem, .. } = data;
     if let Some(known) = &problem.start {
         return Ok(known.clone());
     }
+    (0..problem.sizes.len()).map(|camera| start_camera(data, camera)).collect()
+}
+
+/// A camera to start from, by its used control points alone.
+pub(super) fn start_camera(data: Data, camera: usize) -> Result<Camera, PoseError> {
+    let Data { problem, choice } = data;
     let neutral = |s: &ImageSize| {
         Camera::undistorted(Isometry3::identity(), Intrinsics::from_horizontal_fov(*s, 1.0), *s)
     };
-    let mut cameras: Vec<Camera> = problem.sizes.iter().map(neutral).collect();
-    for camera in 0..cameras.len() {
-        let name = &problem.names[camera];
-        let named = |source| PoseError::Calibration { camera: name.clone(), source };
-        let candidates = starts(&data.control(camera), problem.sizes[camera]).map_err(named)?;
-        let mut alone = Choice { used: vec![false; choice.used.len()], place: choice.place.clone() };
-        data.used_by(camera).for_each(|k| alone.used[k] = true);
-        let models = vec![CameraModel::PINHOLE; cameras.len()];
-        let best = most_probable(candidates.iter().filter_map(|candidate| {
-            let mut start = cameras.clone();
-            start[camera] = *candidate;
-            adjust(problem.with(&alone), &models, &start)
-        }));
-        cameras[camera] = best.ok_or_else(|| undetermined(name))?.state.cameras[camera];
-    }
-    Ok(cameras)
+    let cameras: Vec<Camera> = problem.sizes.iter().map(neutral).collect();
+    let name = &problem.names[camera];
+    let named = |source| PoseError::Calibration { camera: name.clone(), source };
+    let candidates = starts(&data.control(camera), problem.sizes[camera]).map_err(named)?;
+    let mut alone = Choice { used: vec![false; choice.used.len()], place: choice.place.clone() };
+    data.used_by(camera).for_each(|k| alone.used[k] = true);
+    let models = vec![CameraModel::PINHOLE; cameras.len()];
+    let best = most_probable(candidates.iter().filter_map(|candidate| {
+        let mut start = cameras.clone();
+        start[camera] = *candidate;
+        adjust(problem.with(&alone), &models, &start)
+    }));
+    Ok(best.ok_or_else(|| undetermined(name))?.state.cameras[camera])
 }
 
 pub(super) fn most_probable(fits: impl Iterator<Item = Fit>) -> Option<Fit> {

@@ -25,6 +25,8 @@ pub(super) struct Equations {
     /// Coordinates of all pixels that enter.
     pub(super) coordinates: usize,
     pub(super) pose_parameters: usize,
+    /// How many lags of cameras the data determine.
+    pub(super) lags: f64,
     /// Of the normal matrices of those poses, at the variance factor.
     pub(super) log_poses: f64,
 }
@@ -94,11 +96,21 @@ impl<'a> Adjustment<'a> {
     /// The equations of one moved object: its poses follow the cameras, and are eliminated.
     fn add_moved(&self, k: usize, state: &mut State, factor: f64, out: &mut Equations) -> Option<()> {
         let object = &self.data.problem.moved[k];
-        let shared = object.shared(&state.cameras, state.scales[k]);
+        let mut shared = object.adjusted(state, k);
         let mut reduced = Reduced::new(shared.rows());
-        for (Instant { observations, .. }, pose) in object.places.iter().zip(&mut state.poses[k]) {
-            *pose = shared.best_pose(observations, pose, factor)?;
-            reduced.add(&shared, observations, pose, factor)?;
+        let states = state.poses[k].iter_mut().zip(&mut state.lags_s[k]);
+        for (Instant { observations, .. }, (pose, lags_s)) in object.places.iter().zip(states) {
+            if shared.free_lags {
+                shared.lags_s.clone_from(lags_s);
+                let near = Instant { observations: observations.clone(), world_from_body: *pose };
+                let own = shared.out_of_step(&near, object.lag_std_s, factor)?;
+                (*pose, *lags_s) = (own.pose, shared.lags_s.clone());
+                reduced.join(&own.reduced);
+                out.lags += own.determined;
+            } else {
+                *pose = shared.best_pose(observations, pose, factor)?;
+                reduced.add(&shared, observations, pose, factor)?;
+            }
         }
         // From the rows of what is shared to the free parameters.
         let mut directions = self.layout.spread(shared.rows());
@@ -108,6 +120,28 @@ impl<'a> Adjustment<'a> {
                 directions.fixed_view_mut::<3, 1>(row, at).copy_from(&point.marker_in_body_m);
             }
             out.add_prior(at, (state.scales[k] - 1.0) / object.scale_std, 1.0 / object.scale_std);
+        }
+        let of_shape = state.shapes_m[k].iter().flat_map(|p| p.iter().copied());
+        let of_offsets = state.offsets_px[k].iter().flat_map(|o| o.iter().copied());
+        for (at, row, std, values) in [
+            (
+                self.layout.shapes[k],
+                shared.first_point(),
+                object.doubt.points_std_m,
+                of_shape.collect::<Vec<f64>>(),
+            ),
+            (
+                self.layout.offsets[k],
+                shared.first_offset(),
+                object.doubt.centres_std_px,
+                of_offsets.collect(),
+            ),
+        ] {
+            let Some(at) = at else { continue };
+            for (k, value) in values.iter().enumerate() {
+                directions[(row + k, at + k)] = 1.0;
+                out.add_prior(at + k, value / std, 1.0 / std);
+            }
         }
         out.normal += directions.tr_mul(&reduced.normal) * &directions / factor;
         out.gradient += directions.tr_mul(&reduced.gradient) / factor;

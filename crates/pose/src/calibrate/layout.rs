@@ -2,7 +2,7 @@
 
 use super::model::CameraModel;
 use super::problem::{Data, Problem};
-use mavsight_geometry::{CAMERA_PARAMETERS, Camera, CameraChange, Isometry3, Vector3};
+use mavsight_geometry::{CAMERA_PARAMETERS, Camera, CameraChange, Isometry3, Vector2, Vector3};
 use nalgebra::{DMatrix, DVector};
 
 /// The column of each free parameter: cameras, sizes of objects, then three for each point that is not exact.
@@ -12,6 +12,9 @@ pub(super) struct Layout {
     /// Sizes of the moved objects, where they are not exact.
     pub(super) scales: Vec<Option<usize>>,
     pub(super) points: Vec<Option<usize>>,
+    /// The moved objects' points and constant errors of centres, where they are not exact.
+    pub(super) shapes: Vec<Option<usize>>,
+    pub(super) offsets: Vec<Option<usize>>,
     pub(super) of_cameras: usize,
     pub(super) size: usize,
 }
@@ -31,8 +34,13 @@ pub(super) struct State {
     pub(super) places: Vec<Vector3<f64>>,
     /// Of the moved objects, by object and instant.
     pub(super) poses: Vec<Vec<Isometry3<f64>>>,
+    /// How late each camera was, by object and instant.
+    pub(super) lags_s: Vec<Vec<Vec<f64>>>,
     /// Sizes of the moved objects, relative to what is stated.
     pub(super) scales: Vec<f64>,
+    /// Displacements of their points, and constant errors of centres, camera by camera.
+    pub(super) shapes_m: Vec<Vec<Vector3<f64>>>,
+    pub(super) offsets_px: Vec<Vec<Vector2<f64>>>,
 }
 
 impl State {
@@ -45,7 +53,14 @@ impl State {
                 .iter()
                 .map(|m| m.places.iter().map(|p| p.world_from_body).collect())
                 .collect(),
+            lags_s: problem.moved.iter().map(|m| vec![vec![0.0; cameras.len()]; m.places.len()]).collect(),
             scales: vec![1.0; problem.moved.len()],
+            shapes_m: problem.moved.iter().map(|m| vec![Vector3::zeros(); m.body.len()]).collect(),
+            offsets_px: problem
+                .moved
+                .iter()
+                .map(|m| vec![Vector2::zeros(); cameras.len() * m.body.len()])
+                .collect(),
         }
     }
 
@@ -58,6 +73,14 @@ impl State {
         }
         for (place, at) in out.places.iter_mut().zip(&layout.points) {
             *place += at.map_or_else(Vector3::zeros, |at| step.fixed_rows::<3>(at).into_owned());
+        }
+        for (shape, at) in out.shapes_m.iter_mut().zip(&layout.shapes) {
+            let Some(at) = at else { continue };
+            shape.iter_mut().zip((*at..).step_by(3)).for_each(|(p, at)| *p += step.fixed_rows::<3>(at));
+        }
+        for (offsets, at) in out.offsets_px.iter_mut().zip(&layout.offsets) {
+            let Some(at) = at else { continue };
+            offsets.iter_mut().zip((*at..).step_by(2)).for_each(|(o, at)| *o += step.fixed_rows::<2>(at));
         }
         for (scale, at) in out.scales.iter_mut().zip(&layout.scales) {
             *scale += at.map_or(0.0, |at| step[at]);
@@ -84,13 +107,22 @@ impl Layout {
         }
         let scales = problem.moved.iter().map(|m| (m.scale_std > 0.0).then(|| claim(1))).collect();
         let of_cameras = claim(0);
+        let in_doubt =
+            |std: f64, n: usize, claim: &mut dyn FnMut(usize) -> usize| (std > 0.0).then(|| claim(n));
+        let moved = &problem.moved;
+        let shapes =
+            moved.iter().map(|m| in_doubt(m.doubt.points_std_m, 3 * m.body.len(), &mut claim)).collect();
+        let offsets = moved
+            .iter()
+            .map(|m| in_doubt(m.doubt.centres_std_px, 2 * m.body.len() * problem.sizes.len(), &mut claim))
+            .collect();
         let mut points = vec![None; problem.points.len()];
         for row in choice.used().map(|k| choice.place[k]) {
             if problem.points[row].std_m > 0.0 && points[row].is_none() {
                 points[row] = Some(claim(3));
             }
         }
-        Self { cameras, points, scales, of_cameras, size }
+        Self { cameras, points, scales, shapes, offsets, of_cameras, size }
     }
 
     /// The sixteen parameters of each camera by the free parameters, in a matrix with so many rows.

@@ -120,7 +120,7 @@ fn of_wand(wand: &Moved, sizes: &[ImageSize]) -> Vec<Vec<Option<Camera>>> {
 }
 
 /// Cameras that see points which the known ones have triangulated.
-fn add_others(object: &Moved, set: &mut [Option<Camera>], sizes: &[ImageSize]) {
+pub(super) fn add_others(object: &Moved, set: &mut [Option<Camera>], sizes: &[ImageSize]) {
     for camera in 0..sizes.len() {
         if set[camera].is_some() {
             continue;

@@ -1,11 +1,16 @@
 //! Objects of known shape that were moved in view of the cameras: a wand, a board.
 
+use super::layout::State;
+use super::rig::ImagesUsed;
 use crate::moving::{Instant, Shared};
 use crate::reprojection::{PointObservation, Scene};
 use crate::three_points::pose_in_view;
 use crate::{BodyMarker, MarkerObservation, PoseError};
-use mavsight_geometry::{Camera, Isometry3, UnitQuaternion, Vector3, rigid_fit, triangulate};
+use mavsight_geometry::{
+    Camera, Isometry3, Matrix2, UnitQuaternion, Vector2, Vector3, rigid_fit, triangulate,
+};
 use nalgebra::Translation3;
+use std::collections::BTreeMap;
 
 /// An object of known shape, observed at many places.
 #[derive(Debug, Clone, PartialEq)]
@@ -16,8 +21,43 @@ pub struct MovedObject {
     pub points: Vec<BodyMarker>,
     /// Standard deviation of its size, relative to that of the points; 0 for exact.
     pub scale_std: f64,
+    /// What is not exact of its points and their images; all zero for exact.
+    pub doubt: ObjectDoubt,
     /// Observations of its points; those of one time belong to one place of the object.
     pub observations: Vec<MarkerObservation>,
+    /// Where cameras are not in step: what the observations of one time then have in common.
+    pub lags: Option<ObjectLags>,
+    /// Images that were looked at, for what is said of their use.
+    pub images: Vec<ObjectImages>,
+}
+
+/// Images of one camera in which an object was looked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ObjectImages {
+    /// Index of the camera.
+    pub camera: usize,
+    /// All of them.
+    pub images: usize,
+    /// Those that do not show it.
+    pub unseen: usize,
+}
+
+/// Errors of an object's points and images that all its places share, with which it is adjusted.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct ObjectDoubt {
+    /// Standard deviation of each coordinate of each point.
+    pub points_std_m: f64,
+    /// Standard deviation of a constant error of each point's image in each camera.
+    pub centres_std_px: f64,
+}
+
+/// Frames of one time that were not taken at one time, while the object moved.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ObjectLags {
+    /// Standard deviation of each camera's lag behind a common clock, of each time by itself.
+    pub std_s: f64,
+    /// Velocity of the image of each observation, in the order of [`MovedObject::observations`].
+    pub velocities_px_s: Vec<Vector2<f64>>,
 }
 
 impl MovedObject {
@@ -35,7 +75,15 @@ impl MovedObject {
             radius_m: 0.5 * diameter_m,
         };
         let points = vec![ball(balls[0], -1.0), ball(balls[1], 1.0)];
-        Self { name: "wand".to_owned(), points, scale_std: length_std_m / length_m, observations }
+        Self {
+            name: "wand".to_owned(),
+            points,
+            scale_std: length_std_m / length_m,
+            doubt: ObjectDoubt::default(),
+            observations,
+            lags: None,
+            images: Vec::new(),
+        }
     }
 
     /// The inner corners of a chessboard, row by row in the plane z = 0: x along a row, y from row to row.
@@ -46,12 +94,22 @@ impl MovedObject {
             radius_m: 0.0,
         };
         let points = (0..columns * rows).map(corner).collect();
-        Self { name: "board".to_owned(), points, scale_std: 0.0, observations }
+        Self {
+            name: "board".to_owned(),
+            points,
+            scale_std: 0.0,
+            doubt: ObjectDoubt::default(),
+            observations,
+            lags: None,
+            images: Vec::new(),
+        }
     }
 }
 
 /// Places of an object that enter, spread over all: a hundred reduce noise below the systematic errors.
 const MOST_PLACES: usize = 100;
+/// Views whose middles lie in one square of this side are in one part of the image: a lens changes little within.
+const CELL_PX: f64 = 200.0;
 
 /// A moved object as the adjustment has it.
 #[derive(Clone)]
@@ -59,8 +117,57 @@ pub(super) struct Moved {
     pub(super) name: String,
     pub(super) body: Vec<BodyMarker>,
     pub(super) scale_std: f64,
+    pub(super) doubt: ObjectDoubt,
+    /// Standard deviation of a camera's lag at a place; 0 for cameras in step.
+    pub(super) lag_std_s: f64,
+    /// Views of each camera when the places were chosen.
+    placed_views: Vec<usize>,
     /// With approximate poses, once cameras are known.
     pub(super) places: Vec<Instant>,
+}
+
+/// What makes views alike: the cameras that see the object and, of the one that sees most of it, where in the image,
+/// how large and how tilted.
+#[derive(PartialEq, Eq, PartialOrd, Ord)]
+struct Kind {
+    cameras: u64,
+    cell: (i64, i64),
+    octave: i64,
+    tilt: [i64; 4],
+}
+
+impl Kind {
+    /// `None` for fewer than four points in the camera that sees most.
+    fn of(seen: &[PointObservation], body: &[BodyMarker]) -> Option<Self> {
+        let cameras = seen.iter().fold(0, |all, o| all | 1 << o.camera.min(63));
+        let count = |camera: usize| seen.iter().filter(|o| o.camera == camera).count();
+        let best = seen.iter().map(|o| o.camera).max_by_key(|c| count(*c))?;
+        let own: Vec<&PointObservation> = seen.iter().filter(|o| o.camera == best).collect();
+        let n = own.len() as f64;
+        let mean = own.iter().map(|o| o.pixel).sum::<Vector2<f64>>() / n;
+        let place = |o: &PointObservation| body[o.point].marker_in_body_m;
+        let middle = own.iter().map(|o| place(o)).sum::<Vector3<f64>>() / n;
+        // The affine part of the view: pixels by places on the plane.
+        let (mut spread, mut moved) = (Matrix2::zeros(), Matrix2::zeros());
+        for o in &own {
+            let at = (place(o) - middle).xy();
+            spread += at * at.transpose();
+            moved += (o.pixel - mean) * at.transpose();
+        }
+        let affine: Matrix2<f64> = moved * spread.try_inverse()?;
+        let size_px_m = affine.determinant().abs().sqrt();
+        // A tilt by 35° shortens one way by a fifth.
+        let shape = affine * affine.transpose() / (size_px_m * size_px_m);
+        let tilt = [shape[(0, 0)], shape[(0, 1)], shape[(1, 1)], affine[(0, 0)] / size_px_m];
+        let part = |x: f64, of: f64| (x / of).floor() as i64;
+        let is_finite = n >= 4.0 && size_px_m > 0.0 && tilt.iter().all(|t| t.is_finite());
+        is_finite.then(|| Self {
+            cameras,
+            cell: (part(mean.x, CELL_PX), part(mean.y, CELL_PX)),
+            octave: part(size_px_m.log2(), 1.0),
+            tilt: tilt.map(|t| part(t, 0.5)),
+        })
+    }
 }
 
 pub(super) fn names_of(objects: &[Moved]) -> String {
@@ -82,16 +189,71 @@ impl Moved {
                 "it needs two points or more, each at its own place: check its length or its squares",
             ));
         }
-        let mut order: Vec<&MarkerObservation> = object.observations.iter().collect();
-        order.sort_by_key(|o| o.t_ns);
-        let place = |seen: &[&MarkerObservation]| {
-            let own = seen.iter().map(|o| PointObservation::of(o, cameras, object.points.len()));
-            let world_from_body = Isometry3::identity();
-            Ok(Instant { observations: own.collect::<Result<_, _>>()?, world_from_body })
+        let ObjectDoubt { points_std_m, centres_std_px } = object.doubt;
+        if ![points_std_m, centres_std_px].iter().all(|std| (0.0..1e9).contains(std)) {
+            return Err(bad("the standard deviations of its points or centres are not finite"));
+        }
+        let lag_std_s = object.lags.as_ref().map_or(0.0, |lags| lags.std_s);
+        let velocities_px_s = object.lags.as_ref().map_or(&[][..], |lags| &lags.velocities_px_s);
+        let is_whole = object.lags.is_none() || velocities_px_s.len() == object.observations.len();
+        if !is_whole
+            || !(0.0..1e9).contains(&lag_std_s)
+            || velocities_px_s.iter().flatten().any(|v| !v.is_finite())
+        {
+            return Err(bad(
+                "the lags of its cameras need a standard deviation, and a velocity for each observation",
+            ));
+        }
+        let mut order: Vec<(usize, &MarkerObservation)> = object.observations.iter().enumerate().collect();
+        order.sort_by_key(|(_, o)| o.t_ns);
+        let observation = |(k, o): &(usize, &MarkerObservation)| {
+            let seen = PointObservation::of(o, cameras, object.points.len())?;
+            let velocity_px_s = velocities_px_s.get(*k).copied().unwrap_or_else(Vector2::zeros);
+            Ok(PointObservation { velocity_px_s, ..seen })
         };
-        let places = order.chunk_by(|a, b| a.t_ns == b.t_ns).map(place).collect::<Result<_, PoseError>>()?;
+        let place = |seen: &[(usize, &MarkerObservation)]| {
+            let world_from_body = Isometry3::identity();
+            let observations = seen.iter().map(observation).collect::<Result<_, PoseError>>()?;
+            Ok(Instant { observations, world_from_body })
+        };
+        let places = order.chunk_by(|a, b| a.1.t_ns == b.1.t_ns).map(place);
+        let places = places.collect::<Result<_, PoseError>>()?;
         let (name, body) = (object.name.clone(), object.points.clone());
-        Ok(Self { name, body, scale_std: object.scale_std, places })
+        Ok(Self {
+            name,
+            body,
+            scale_std: object.scale_std,
+            doubt: object.doubt,
+            lag_std_s,
+            placed_views: Vec::new(),
+            places,
+        })
+    }
+
+    /// What became of the images that were looked at.
+    pub(super) fn images<'a>(
+        &'a self,
+        object: &'a MovedObject,
+        names: &'a [String],
+    ) -> impl Iterator<Item = ImagesUsed> + 'a {
+        object.images.iter().map(|&ObjectImages { camera, images, unseen }| {
+            let used = self.views(camera);
+            let placed = self.placed_views.get(camera).copied().unwrap_or(0);
+            ImagesUsed {
+                camera: names[camera].clone(),
+                object: self.name.clone(),
+                images,
+                used,
+                unseen,
+                spare: (images - unseen.min(images)).saturating_sub(placed),
+                contradicting: placed.saturating_sub(used),
+            }
+        })
+    }
+
+    /// Places at which a camera sees it.
+    fn views(&self, camera: usize) -> usize {
+        self.places.iter().filter(|p| p.observations.iter().any(|o| o.camera == camera)).count()
     }
 
     pub(super) fn is_seen_by(&self, camera: usize) -> bool {
@@ -102,6 +264,11 @@ impl Moved {
         let first = self.body[0].marker_in_body_m;
         let along = (self.body[1].marker_in_body_m - first).normalize();
         self.body.iter().all(|p| (p.marker_in_body_m - first).cross(&along).norm() < 1e-9)
+    }
+
+    /// Whether it neither lies on a line nor on the plane z = 0, as a wand and a board do.
+    pub(super) fn is_free(&self) -> bool {
+        !self.is_line() && !self.is_board()
     }
 
     /// Whether they lie on the plane z = 0, four or more of them and not on a line.
@@ -119,22 +286,57 @@ impl Moved {
         let mut body = self.body.clone();
         body.iter_mut().for_each(|p| p.marker_in_body_m *= scale);
         let mut out = Shared::new(cameras.to_vec(), body);
-        out.free_points = self.scale_std > 0.0;
+        out.free_points = self.scale_std > 0.0 || self.doubt.points_std_m > 0.0;
+        out.free_offsets = self.doubt.centres_std_px > 0.0;
+        out.free_lags = self.lag_std_s > 0.0;
+        out
+    }
+
+    /// The object as an adjustment has it.
+    pub(super) fn adjusted(&self, state: &State, k: usize) -> Shared {
+        let mut out = self.shared(&state.cameras, state.scales[k]);
+        out.points.iter_mut().zip(&state.shapes_m[k]).for_each(|(p, change)| p.marker_in_body_m += change);
+        out.offsets_px.clone_from(&state.offsets_px[k]);
         out
     }
 
     /// The object at the places that these cameras determine with redundancy, thinned out.
     pub(super) fn placed(&self, cameras: &[Camera]) -> Self {
         let shared = self.shared(cameras, 1.0);
-        let every = self.places.len().div_ceil(MOST_PLACES).max(1);
+        let chosen = self.chosen();
         let place = |Instant { observations, .. }: &Instant| {
             let near = self.approximate_pose(observations, cameras)?;
             let world_from_body = shared.best_pose(observations, &near, f64::INFINITY)?;
             Some(Instant { observations: observations.clone(), world_from_body })
         };
         let is_redundant = |p: &&Instant| 2 * p.observations.len() > self.pose_parameters();
-        let places = self.places.iter().step_by(every).filter(is_redundant).filter_map(place).collect();
-        Self { places, ..self.clone() }
+        let places =
+            chosen.into_iter().map(|k| &self.places[k]).filter(is_redundant).filter_map(place).collect();
+        let mut out = Self { places, ..self.clone() };
+        out.placed_views = (0..cameras.len()).map(|camera| out.views(camera)).collect();
+        out
+    }
+
+    /// The places that enter, in their order. Of a board those that are sharpest, by turns from all parts of the
+    /// images, tilts and sizes that there are; of other objects every so many.
+    fn chosen(&self) -> Vec<usize> {
+        let n = self.places.len();
+        if n <= MOST_PLACES || !self.is_board() {
+            return (0..n).step_by(n.div_ceil(MOST_PLACES).max(1)).collect();
+        }
+        let mut kinds: BTreeMap<Kind, Vec<(f64, usize)>> = BTreeMap::new();
+        for (k, place) in self.places.iter().enumerate() {
+            let information = place.observations.iter().map(|o| 1.0 / o.covariance_px2.trace()).sum();
+            if let Some(kind) = Kind::of(&place.observations, &self.body) {
+                kinds.entry(kind).or_default().push((information, k));
+            }
+        }
+        kinds.values_mut().for_each(|own| own.sort_by(|a, b| b.0.total_cmp(&a.0)));
+        let most = kinds.values().map(Vec::len).max().unwrap_or(0);
+        let by_turns = (0..most).flat_map(|turn| kinds.values().filter_map(move |own| own.get(turn)));
+        let mut out: Vec<usize> = by_turns.map(|(_, k)| *k).take(MOST_PLACES).collect();
+        out.sort_unstable();
+        out
     }
 
     fn approximate_pose(&self, place: &[PointObservation], cameras: &[Camera]) -> Option<Isometry3<f64>> {

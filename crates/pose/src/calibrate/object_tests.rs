@@ -1,8 +1,8 @@
 //! Cameras from wands and boards whose places are drawn at random.
 
-use super::test_sets::{Noise, seen, unlike_cameras};
+use super::test_sets::{Noise, both, seen, unlike_cameras};
 use super::*;
-use crate::testing::cameras;
+use crate::testing::{cameras, cube};
 use crate::{BodyMarker, MarkerObservation, PoseError};
 use mavsight_geometry::{Camera, Isometry3, Matrix2, Point3, UnitQuaternion, Vector2, Vector3};
 use mavsight_random::Random;
@@ -291,4 +291,99 @@ fn a_board_at_no_useful_angle_says_which_views_are_missing() {
     let observations = observed(&truth, &empty.points, &poses, 0.05, &mut random);
     let why = calibrate_with(&unseen(&truth), &[MovedObject { observations, ..empty }]).unwrap_err();
     assert!(why.to_string().contains("add views tilted by 30°"), "{why}");
+}
+
+/// A body of four balls, flown before three cameras of which the third sees five, three or none of the control points.
+#[test]
+fn a_camera_with_few_control_points_is_as_good_as_it_claims_by_the_flight_and_the_others() {
+    let mut truth = cameras().to_vec();
+    let aim = Vector3::new(0.0, 0.0, 1.5);
+    truth.push(Camera::looking_at(Vector3::new(0.5, 6.0, 2.5), aim, truth[0].intrinsics, truth[0].size));
+    let ball = |at: [f64; 3]| BodyMarker { name: String::new(), marker_in_body_m: at.into(), radius_m: 0.02 };
+    let body = [[0.2, 0.0, 0.0], [-0.1, 0.15, 0.0], [-0.1, -0.15, 0.02], [0.0, 0.0, 0.2]].map(ball).to_vec();
+    let mut random = Random::new(31, 0);
+    let (mut nees, trials) = (0.0, 8);
+    for trial in 0..trials {
+        let mut controls = both(0.05, &mut random);
+        let mut third = seen("cam3", &truth[2], &cube(), Noise { std_px: 0.05, radius_m: 0.03 }, &mut random);
+        for list in [&mut third.ball_radius_m, &mut third.survey_std_m] {
+            list.truncate([5, 3, 0, 5][trial % 4]);
+        }
+        third.points.truncate(third.ball_radius_m.len());
+        controls.push(third);
+        // The ruler and the centres are off by as much as is stated.
+        let mut built = body.clone();
+        built.iter_mut().for_each(|p| p.marker_in_body_m += Vector3::from(random.normals()) * 5e-4);
+        let mut observations = observed(&truth, &built, &waved(60, &mut random), 0.05, &mut random);
+        let mut offset = || Vector2::from(random.normals()) * 0.05;
+        let offsets: Vec<Vector2<f64>> = (0..12).map(|_| offset()).collect();
+        observations.iter_mut().for_each(|o| o.pixel += offsets[4 * o.camera + o.marker]);
+        let flight = MovedObject {
+            name: "aircraft".into(),
+            points: body.clone(),
+            doubt: ObjectDoubt { points_std_m: 5e-4, centres_std_px: 0.05 },
+            observations,
+            ..MovedObject::wand(1.0, 0.0, [("", 0.0), ("", 0.0)], Vec::new())
+        };
+        let rig = calibrate_with(&controls, std::slice::from_ref(&flight)).unwrap();
+        let error = rig.cameras[2].camera.centre_in_world() - truth[2].centre_in_world();
+        let claim = &rig.cameras[2].centre_cov_m2;
+        assert!(error.norm() < 0.01 && claim.trace().sqrt() < 0.01, "{error} of {}", claim.trace().sqrt());
+        nees += error.dot(&claim.cholesky().unwrap().solve(&error)) / (3.0 * trials as f64);
+        let [note] = &rig.by_flight[..] else { panic!("{:?}", rig.by_flight) };
+        assert!(note.camera == "cam3" && note.instead.is_some_and(|i| i.1 == 8), "{note}");
+        // Without a flight in its view it is refused.
+        let unseen = flight.observations.iter().filter(|o| o.camera != 2).copied().collect();
+        controls[2].points.truncate(3);
+        controls[2].ball_radius_m.truncate(3);
+        controls[2].survey_std_m.truncate(3);
+        let why = calibrate_with(&controls, &[MovedObject { observations: unseen, ..flight }]).unwrap_err();
+        assert!(matches!(why, PoseError::FewControlPoints { places: 0, needed: 6, .. }), "{why}");
+    }
+    // The mean of 24 squares of normal numbers: 0.95 quantiles.
+    assert!((0.5..1.65).contains(&nees), "{nees}");
+}
+
+/// A board waved at arm's length before two cameras of which the second is late by up to half a frame, each time anew.
+#[test]
+fn cameras_that_are_not_in_step_are_as_good_as_they_claim() {
+    const INTERVAL_S: f64 = 1.0 / 15.0;
+    let truth = cameras().to_vec();
+    let empty = MovedObject::board(6, 4, 0.2, Vec::new());
+    let pose = |t_s: f64| {
+        let wave = |hz: f64, shift: f64| (6.283 * hz * t_s + shift).sin();
+        let at = Vector3::new(0.8 * wave(0.21, 0.0), 0.8 * wave(0.17, 1.0) - 1.5, 1.5 + 0.5 * wave(0.3, 2.0));
+        let turn = Vector3::new(1.6 + 0.5 * wave(0.2, 0.3), 0.5 * wave(0.13, 1.0), 0.4 * wave(0.29, 2.0));
+        Isometry3::from_parts(Translation3::from(at), UnitQuaternion::from_scaled_axis(turn))
+    };
+    let mut random = Random::new(41, 0);
+    let (mut observations, mut velocities_px_s) = (Vec::new(), Vec::new());
+    for k in 0..90 {
+        for (camera, view) in truth.iter().enumerate() {
+            let own_s = 0.2 * f64::from(k) + random.between(-0.5, 0.5) * INTERVAL_S * camera as f64;
+            for (marker, point) in empty.points.iter().enumerate() {
+                let image = |t_s: f64| {
+                    view.project(&(pose(t_s) * Point3::from(point.marker_in_body_m)).coords).unwrap().pixel
+                };
+                let pixel = image(own_s) + Vector2::from(random.normals()) * 0.05;
+                let (t_ns, covariance_px2) = (i64::from(k), Matrix2::identity() * 0.0025);
+                observations.push(MarkerObservation { t_ns, camera, marker, pixel, covariance_px2 });
+                let moved_px = image(own_s + INTERVAL_S) - image(own_s - INTERVAL_S);
+                velocities_px_s.push(moved_px / (2.0 * INTERVAL_S));
+            }
+        }
+    }
+    let in_step = MovedObject { observations, ..empty };
+    let lags = Some(ObjectLags { std_s: INTERVAL_S / 24f64.sqrt(), velocities_px_s });
+    let rig = calibrate_with(&unseen(&truth), &[MovedObject { lags, ..in_step.clone() }]).unwrap();
+    let off = |rig: &Rig| {
+        let (found, real) = (rig.cameras[1].camera.centre_in_world().norm(), truth[1].centre_in_world());
+        found - (real - truth[0].centre_in_world()).norm()
+    };
+    let along = rig.cameras[1].camera.centre_in_world().normalize();
+    let std_m = (along.transpose() * rig.cameras[1].centre_cov_m2 * along)[0].sqrt();
+    assert!(off(&rig).abs() < 3.0 * std_m && std_m < 0.05, "{} of {std_m}", off(&rig));
+    assert!(rig.cameras.iter().all(|c| c.residual_rms_px < 0.1), "{}", rig.cameras[1].residual_rms_px);
+    let taken_as = calibrate_with(&unseen(&truth), &[in_step]);
+    assert!(taken_as.is_err() || taken_as.is_ok_and(|r| r.cameras[1].residual_rms_px > 0.3));
 }

@@ -1,8 +1,8 @@
 //! Cameras from moved objects, alone or together with control points.
 
 use super::adjust::{Fit, adjust};
-use super::choose::{choose, most_probable, start_cameras};
-use super::link::linked;
+use super::choose::{choose, most_probable, start_camera, start_cameras};
+use super::link::{add_others, linked};
 use super::model::{CameraModel, Lens};
 use super::moved::{Moved, MovedObject, names_of};
 use super::problem::Problem;
@@ -10,7 +10,7 @@ use super::rig::CameraControl;
 use super::snoop::{Cleaned, clean};
 use super::start::MIN_POINTS;
 use crate::PoseError;
-use crate::moving::Instant;
+use crate::moving::{Instant, Shared};
 use crate::reprojection::PointObservation;
 use crate::statistics::median;
 use mavsight_geometry::camera_parameters::INTRINSICS;
@@ -19,6 +19,8 @@ use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Isometry3, Vector2, Vector3, 
 /// Robust standard deviations beyond which an observation is dropped: one in a million of normal noise.
 const BEYOND: f64 = 5.3;
 const ROUNDS: usize = 3;
+/// Control points from which a camera is started: what the linear transformation needs.
+pub(super) const ENOUGH_POINTS: usize = 6;
 const AXES: usize = 3;
 /// A focal length with a larger relative standard deviation is undetermined.
 const UNDETERMINED: f64 = 0.05;
@@ -33,8 +35,14 @@ pub(super) fn with_objects(
     let mut problem = Problem::new(controls)?;
     let objects: Vec<Moved> =
         objects.iter().map(|o| Moved::new(o, controls.len())).collect::<Result<_, _>>()?;
-    let cameras = if controls.iter().all(|c| c.points.len() >= MIN_POINTS) {
+    let has = |points: usize| controls.iter().all(|c| c.points.len() >= points);
+    let known = if has(ENOUGH_POINTS) { Ok(None) } else { by_the_others(&problem, &objects) };
+    let cameras = if let Ok(Some(cameras)) = known {
+        cameras
+    } else if has(MIN_POINTS) {
         start_cameras(problem.with(&problem.all()))?
+    } else if let (Err(refused), true) = (known, objects.iter().all(Moved::is_free)) {
+        return Err(refused);
     } else {
         let alone = from_objects(&problem, &objects)?;
         if problem.points.is_empty() {
@@ -51,6 +59,36 @@ pub(super) fn with_objects(
     let cleaned = clean(&problem)?;
     refuse(&problem, &cleaned.chosen.best)?;
     Ok((problem, cleaned))
+}
+
+/// Cameras that see enough control points, and from those each of the others by the places of an object that two of them
+/// see; `None` where fewer than two see enough.
+fn by_the_others(problem: &Problem, objects: &[Moved]) -> Result<Option<Vec<Camera>>, PoseError> {
+    let choice = problem.all();
+    let data = problem.with(&choice);
+    let points = |camera: usize| data.used_by(camera).count();
+    let mut set = vec![None; problem.sizes.len()];
+    for camera in (0..set.len()).filter(|c| points(*c) >= ENOUGH_POINTS) {
+        set[camera] = Some(start_camera(data, camera)?);
+    }
+    if set.iter().flatten().count() < 2 {
+        return Ok(None);
+    }
+    objects.iter().for_each(|object| add_others(object, &mut set, &problem.sizes));
+    if let Some(camera) = set.iter().position(Option::is_none) {
+        let joint = |place: &&Instant| {
+            let seen_by = |c: usize| place.observations.iter().filter(|o| o.camera == c).count();
+            seen_by(camera) > 0 && (0..set.len()).filter(|c| set[*c].is_some() && seen_by(*c) > 0).count() > 1
+        };
+        return Err(PoseError::FewControlPoints {
+            camera: problem.names[camera].clone(),
+            points: points(camera),
+            objects: names_of(objects),
+            places: objects.iter().map(|o| o.places.iter().filter(joint).count()).sum(),
+            needed: ENOUGH_POINTS,
+        });
+    }
+    Ok(Some(set.into_iter().flatten().collect()))
 }
 
 /// A problem with the observations that agree, and its adjustment.
@@ -113,22 +151,28 @@ fn without_strays(mut problem: Problem) -> Result<Adjusted, PoseError> {
 fn drop_strays(problem: &mut Problem, fit: &Fit) -> usize {
     let mut dropped = 0;
     for (k, object) in problem.moved.iter_mut().enumerate() {
-        let shared = object.shared(&fit.state.cameras, fit.state.scales[k]);
-        let square = |o: &PointObservation, pose: &Isometry3<f64>| {
-            shared.residual_px(o, pose).map_or(f64::INFINITY, |r| (o.whitener * r).norm_squared())
+        let shared = object.adjusted(&fit.state, k);
+        let squares_of = |(place, (pose, lags_s)): (&Instant, (&Isometry3<f64>, &Vec<f64>))| {
+            let own = Shared { lags_s: lags_s.clone(), ..shared.clone() };
+            let square = |o: &PointObservation| {
+                own.residual_px(o, pose).map_or(f64::INFINITY, |r| (o.whitener * r).norm_squared())
+            };
+            place.observations.iter().map(square).collect::<Vec<f64>>()
         };
-        let places = || object.places.iter().map(|p| &p.observations).zip(&fit.state.poses[k]);
-        let squares = places().flat_map(|(place, pose)| place.iter().map(|o| square(o, pose)));
+        let states = fit.state.poses[k].iter().zip(&fit.state.lags_s[k]);
+        let squares: Vec<Vec<f64>> = object.places.iter().zip(states).map(squares_of).collect();
         // The median of a chi-square with two degrees of freedom is 2 ln 2.
-        let variance = median(squares.collect()) / (2.0 * 2f64.ln());
-        let kept = |(place, pose): (&Vec<PointObservation>, &Isometry3<f64>)| {
-            let near = place.iter().filter(|o| square(o, pose) <= BEYOND * BEYOND * variance);
-            let observations: Vec<_> = near.copied().collect();
-            dropped += place.len() - observations.len();
+        let variance = median(squares.concat()) / (2.0 * 2f64.ln());
+        let kept = |(place, (squares, pose)): (&Instant, (&Vec<f64>, &Isometry3<f64>))| {
+            let own = place.observations.iter().zip(squares);
+            let near = own.filter(|(_, square)| **square <= BEYOND * BEYOND * variance);
+            let observations: Vec<_> = near.map(|(o, _)| *o).collect();
+            dropped += place.observations.len() - observations.len();
             Instant { observations, world_from_body: *pose }
         };
         let is_redundant = |p: &Instant| 2 * p.observations.len() > object.pose_parameters();
-        object.places = places().map(kept).filter(is_redundant).collect();
+        let states = squares.iter().zip(&fit.state.poses[k]);
+        object.places = object.places.iter().zip(states).map(kept).filter(is_redundant).collect();
     }
     dropped
 }

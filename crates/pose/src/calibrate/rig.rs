@@ -87,6 +87,73 @@ impl RigCamera {
     }
 }
 
+/// How many images of a moved object entered a calibration, and why others did not.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ImagesUsed {
+    /// Camera name.
+    pub camera: String,
+    /// The object.
+    pub object: String,
+    /// Images that were looked at.
+    pub images: usize,
+    /// Those that were used.
+    pub used: usize,
+    /// Those that do not show the object.
+    pub unseen: usize,
+    /// Those that show it where others do better, or too few points of it.
+    pub spare: usize,
+    /// Those that contradict the others.
+    pub contradicting: usize,
+}
+
+impl fmt::Display for ImagesUsed {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { camera, object, images, used, .. } = self;
+        write!(out, "{camera}: {used} of {images} images of the {object} were used")?;
+        for (n, why) in [
+            (self.unseen, "do not show it sharp and whole enough"),
+            (self.spare, "show nothing that others do not show better"),
+            (self.contradicting, "contradict the others"),
+        ] {
+            if n > 0 {
+                write!(out, "; {n} {why}")?;
+            }
+        }
+        out.write_str(".")
+    }
+}
+
+/// A camera that sees too few control points, calibrated by the flight and the other cameras.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ByFlight {
+    /// Camera name.
+    pub camera: String,
+    /// Control points that it sees.
+    pub points: usize,
+    /// Standard deviation of its centre.
+    pub centre_std_m: f64,
+    /// What that would be without the flight if every camera saw all control points, and how many these are; none
+    /// where they would not do either.
+    pub instead: Option<(f64, usize)>,
+}
+
+impl fmt::Display for ByFlight {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (camera, points, centre_mm) = (&self.camera, self.points, 1e3 * self.centre_std_m);
+        write!(
+            out,
+            "{camera} sees {points} control points, too few for a camera by itself: it is calibrated by the flight and the \
+             other cameras, which leaves its centre uncertain by {centre_mm:.1} mm"
+        )?;
+        match self.instead {
+            Some((std_m, all)) => {
+                write!(out, "; with all {all} in its still it would be {:.1} mm.", 1e3 * std_m)
+            }
+            None => out.write_str("."),
+        }
+    }
+}
+
 /// A control point that does not agree with the others.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LeftOut {
@@ -150,6 +217,10 @@ pub struct Rig {
     pub uncertainty: DMatrix<f64>,
     /// Control points that disagree with the others.
     pub left_out: Vec<LeftOut>,
+    /// Use of the images of moved objects.
+    pub images: Vec<ImagesUsed>,
+    /// Cameras that see too few control points by themselves.
+    pub by_flight: Vec<ByFlight>,
     /// Frames of a flight that have refined the cameras: 0 for cameras from control points alone.
     pub frames: usize,
 }
@@ -159,6 +230,12 @@ impl Rig {
     pub fn exact(cameras: Vec<RigCamera>) -> Self {
         let uncertainty = DMatrix::zeros(CAMERA_PARAMETERS * cameras.len(), 0);
         Self { cameras, uncertainty, ..Default::default() }
+    }
+
+    /// What is said to people: images that were used or not, cameras that the flight has calibrated.
+    pub fn notes(&self) -> impl Iterator<Item = String> + '_ {
+        let by_flight = self.by_flight.iter().map(ToString::to_string);
+        self.images.iter().map(ToString::to_string).chain(by_flight)
     }
 
     /// All places of control points, once per camera that saw them.

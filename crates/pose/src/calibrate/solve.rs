@@ -5,15 +5,15 @@ use super::alike::alike_std_px;
 use super::choose::root;
 use super::disagree::hotelling_over_normal;
 use super::model::CameraModel;
-use super::moved::MovedObject;
-use super::objects::with_objects;
-use super::problem::{Data, Problem, undetermined};
-use super::rig::{CameraControl, ControlResidual, Rig, RigCamera};
+use super::moved::{Moved, MovedObject};
+use super::objects::{ENOUGH_POINTS, with_objects};
+use super::problem::{Data, Problem, Surveyed, undetermined};
+use super::rig::{ByFlight, CameraControl, ControlResidual, Rig, RigCamera};
 use super::snoop::clean;
 use super::start::MIN_POINTS;
 use crate::PoseError;
 use mavsight_geometry::camera_parameters::CENTRE;
-use mavsight_geometry::{CAMERA_PARAMETERS, Camera, GeometryError, Vector2};
+use mavsight_geometry::{CAMERA_PARAMETERS, Camera, ControlPoint, GeometryError, Matrix2, Vector2};
 use nalgebra::DMatrix;
 
 /// Part of the distance from the control points above which a centre's standard deviation is too large.
@@ -75,6 +75,14 @@ pub fn calibrate_with(controls: &[CameraControl], objects: &[MovedObject]) -> Re
         own.residual_rms_px = (squares_px2 / f64::max(coordinates, 1.0)).sqrt();
     }
     rig.left_out = cleaned.left_out;
+    let uses =
+        objects.iter().zip(&problem.moved).flat_map(|(object, moved)| moved.images(object, &problem.names));
+    rig.images = uses.collect();
+    rig.by_flight = by_flight(&problem, &rig);
+    if !rig.by_flight.is_empty() {
+        // The flight must not count twice.
+        rig.frames = problem.moved.iter().filter(|m| m.is_free()).map(|m| m.places.len()).sum();
+    }
     Ok(rig)
 }
 
@@ -127,7 +135,46 @@ fn rig_of(data: Data, fit: &Fit, uncertainty: DMatrix<f64>) -> Rig {
         }
     };
     let cameras = data.problem.names.iter().enumerate().map(one).collect();
-    Rig { cameras, uncertainty, left_out: Vec::new(), frames: 0 }
+    Rig { cameras, uncertainty, left_out: Vec::new(), ..Rig::default() }
+}
+
+/// Cameras that see too few control points for themselves, where an object is not one that was made to calibrate them.
+fn by_flight(problem: &Problem, rig: &Rig) -> Vec<ByFlight> {
+    if !problem.moved.iter().any(Moved::is_free) {
+        return Vec::new();
+    }
+    let points = |camera: &RigCamera| camera.points.iter().filter(|p| p.used).count();
+    let few = rig.cameras.iter().filter(|camera| points(camera) < ENOUGH_POINTS);
+    let cameras: Vec<_> = rig.cameras.iter().map(|c| (c.camera, c.model)).collect();
+    let all = rig.cameras.iter().map(|c| seeing_all(problem, c)).collect::<Option<Vec<_>>>();
+    let instead = all.and_then(|controls| predict_calibration(&cameras, &controls).ok());
+    few.map(|camera| {
+        let own = instead.as_ref().and_then(|rig| rig.cameras.iter().find(|c| c.name == camera.name));
+        ByFlight {
+            camera: camera.name.clone(),
+            points: points(camera),
+            centre_std_m: camera.centre_std_m.norm(),
+            instead: own.map(|c| (c.centre_std_m.norm(), problem.points.len())),
+        }
+    })
+    .collect()
+}
+
+/// All control points in the image of a camera, as well as it measures its own; `None` where some are behind it.
+fn seeing_all(problem: &Problem, camera: &RigCamera) -> Option<CameraControl> {
+    let image = |point: &Surveyed| {
+        let seen = camera.camera.project_ball(&point.in_world_m, point.radius_m).ok()?;
+        let (name, point_in_world_m) = (point.name.clone(), point.in_world_m);
+        let pixel_cov_px2 = Matrix2::identity() * camera.sigma_px.powi(2);
+        Some(ControlPoint { name, point_in_world_m, pixel: seen.pixel, pixel_cov_px2 })
+    };
+    Some(CameraControl {
+        name: camera.name.clone(),
+        size: camera.camera.size,
+        points: problem.points.iter().map(image).collect::<Option<_>>()?,
+        ball_radius_m: problem.points.iter().map(|p| p.radius_m).collect(),
+        survey_std_m: problem.points.iter().map(|p| p.std_m).collect(),
+    })
 }
 
 fn residuals(data: Data, fit: &Fit, camera: usize) -> Vec<ControlResidual> {

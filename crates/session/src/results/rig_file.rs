@@ -193,7 +193,8 @@ pub fn read_rig(path: &Path) -> Result<Rig, SessionError> {
         LeftOut { name, camera, reason }
     });
     let (left_out, frames) = (left_out.collect(), file.frames);
-    Ok(Rig { cameras: cameras.collect::<Result<_, _>>()?, uncertainty, left_out, frames })
+    let cameras = cameras.collect::<Result<_, _>>()?;
+    Ok(Rig { cameras, uncertainty, left_out, frames, ..Rig::default() })
 }
 
 fn camera(entry: CameraEntry, path: &Path) -> Result<RigCamera, SessionError> {
