@@ -2,13 +2,13 @@
 
 use crate::EngineError;
 use crate::error::input;
-use crate::frames::feed_of;
-use mavsight_geometry::ImageSize;
+use crate::frames::{camera_feeds, feed_of};
+use mavsight_geometry::{GeometryError, ImageSize};
 use mavsight_pipeline::{
-    CameraFeed, ControlStill, Progress, Stage, Wand, board_of, calibrate_from_observations,
-    calibrate_from_stills, wand_of,
+    CameraFeed, ControlStill, PipelineError, Progress, Stage, Wand, aircraft_of, board_of,
+    calibrate_from_observations, calibrate_from_stills, wand_of,
 };
-use mavsight_pose::{MovedObject, Rig};
+use mavsight_pose::{MovedObject, PoseError, Rig};
 use mavsight_session::{FrameSource, Session, SessionError, read_image};
 
 /// Calibrates the cameras of a session: from stills of its control points or from clicked pixels, together
@@ -38,19 +38,52 @@ pub(crate) fn rig_of(session: &Session, progress: &dyn Progress) -> Result<Rig, 
     let points = input(session.control_points())?;
     let objects = objects_of(session)?;
     let pixels = input(session.control_pixels())?;
-    if pixels.is_some() || points.is_empty() {
-        let size = |k: usize| Ok((session.cameras()[k].name.clone(), input(session.image_size(k))?));
-        let sizes: Vec<(String, ImageSize)> =
-            (0..session.cameras().len()).map(size).collect::<Result<_, EngineError>>()?;
-        return Ok(calibrate_from_observations(&sizes, &points, &pixels.unwrap_or_default(), &objects)?);
-    }
-    let mut stills = Vec::with_capacity(session.cameras().len());
-    for camera in session.cameras() {
-        if let Some(path) = &camera.still {
+    let by_pixels = pixels.is_some() || points.is_empty();
+    let (mut sizes, mut stills): (Vec<(String, ImageSize)>, Vec<ControlStill>) = (Vec::new(), Vec::new());
+    for (k, camera) in session.cameras().iter().enumerate() {
+        if by_pixels {
+            sizes.push((camera.name.clone(), input(session.image_size(k))?));
+        } else if let Some(path) = &camera.still {
             stills.push(ControlStill { camera: camera.name.clone(), frame: input(read_image(path))? });
         }
     }
-    Ok(calibrate_from_stills(&stills, &points, &objects)?)
+    let pixels = pixels.unwrap_or_default();
+    let solve = |objects: &[MovedObject]| match by_pixels {
+        true => calibrate_from_observations(&sizes, &points, &pixels, objects),
+        false => calibrate_from_stills(&stills, &points, objects),
+    };
+    match solve(&objects) {
+        Err(few) if has_too_few(&few) => by_flight(session, objects, few, solve),
+        solved => Ok(solved?),
+    }
+}
+
+/// Whether a camera sees too few control points to be calibrated by them.
+fn has_too_few(refused: &PipelineError) -> bool {
+    match refused {
+        PipelineError::ControlBalls { .. } => true,
+        PipelineError::Pose { source: PoseError::Calibration { source, .. }, .. } => {
+            matches!(source, GeometryError::TooFewControlPoints { .. })
+        }
+        _ => false,
+    }
+}
+
+/// What control points do not determine, the flight may: the aircraft as one more object that was moved before the
+/// cameras.
+fn by_flight(
+    session: &Session,
+    mut objects: Vec<MovedObject>,
+    few: PipelineError,
+    solve: impl Fn(&[MovedObject]) -> Result<Rig, PipelineError>,
+) -> Result<Rig, EngineError> {
+    let Ok(feeds) = camera_feeds(session) else { return Err(few.into()) };
+    let Ok(aircraft) = aircraft_of(&session.vehicle, feeds) else { return Err(few.into()) };
+    objects.push(aircraft);
+    solve(&objects).map_err(|refused| match refused {
+        PipelineError::Pose { source: PoseError::FewControlPoints { .. }, .. } => refused.into(),
+        _ => few.into(),
+    })
 }
 
 fn objects_of(session: &Session) -> Result<Vec<MovedObject>, EngineError> {

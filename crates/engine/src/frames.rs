@@ -27,6 +27,7 @@ pub(crate) fn feed_of(camera: &SessionCamera, is_first: bool, source: FrameSourc
     let name = camera.name.clone();
     let (announced, readout, size) = (source.declared_frames(), source.readout(), source.size());
     let may_be_reordered = source.may_be_reordered();
+    let is_film = !source.is_images();
     let frames = source.map(move |item| {
         item.map(|(t_ns, frame)| TimedFrame { t_ns, frame })
             .map_err(|e| PipelineError::Source { camera: name.clone(), source: Box::new(e) })
@@ -36,6 +37,7 @@ pub(crate) fn feed_of(camera: &SessionCamera, is_first: bool, source: FrameSourc
         clock,
         readout,
         may_be_reordered,
+        is_film,
         ..CameraFeed::new(camera.name.clone(), announced, Box::new(frames))
     }
 }

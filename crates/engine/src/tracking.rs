@@ -25,6 +25,7 @@ pub struct TrackedFlight {
 /// Recordings that cannot be read, and what [`mavsight_pipeline::track`] refuses.
 pub fn track(session: &Session, rig: Rig, progress: &dyn Progress) -> Result<TrackedFlight, EngineError> {
     let mut tracked = mavsight_pipeline::track(camera_feeds(session)?, &rig, &session.vehicle, progress)?;
+    tracked.notes.splice(0..0, rig.notes());
     let Some(how) = session.file.refine else {
         return Ok(TrackedFlight { rig, tracked, body: Vec::new() });
     };

@@ -1,8 +1,10 @@
-//! A chessboard from its images.
+//! A chessboard from its images or films.
 
-use crate::{CameraFeed, PipelineError};
-use mavsight_pose::{MarkerObservation, MovedObject};
+use crate::{CameraFeed, PipelineError, TimedFrame, usual_interval_ns};
+use mavsight_geometry::Vector2;
+use mavsight_pose::{MarkerObservation, MovedObject, ObjectImages, ObjectLags};
 use mavsight_vision::{BoardCorner, CodedBoard, Frame, find_board, find_coded_board};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// A chessboard: calibration by its images.
@@ -15,7 +17,7 @@ pub struct Board {
     pub rows: usize,
     /// Side of a square.
     pub square_m: f64,
-    /// Whether images of the same number show the board at the same place to all cameras.
+    /// Whether images of the same number, or frames of films at one time, show the board at one place to all cameras.
     #[serde(default)]
     pub together: bool,
     /// What OpenCV calls the markers in the light squares (ChArUco), such as `DICT_4X4_50`: any part of the
@@ -23,6 +25,9 @@ pub struct Board {
     pub dictionary: Option<String>,
     /// Side of a marker, its black border included.
     pub marker_m: Option<f64>,
+    /// Whether it is printed with black and white exchanged.
+    #[serde(default)]
+    pub inverted: bool,
 }
 
 impl Board {
@@ -52,6 +57,8 @@ impl Board {
 
     /// The inner corners that a frame shows, by their numbers; none where that does not do.
     fn corners(&self, coded: Option<&CodedBoard>, frame: &Frame) -> Vec<(usize, BoardCorner)> {
+        let inverted = self.inverted.then(|| frame.inverted());
+        let frame = inverted.as_ref().unwrap_or(frame);
         match coded {
             Some(coded) => find_coded_board(frame, coded),
             None => find_board(frame, self.columns, self.rows).into_iter().flatten().enumerate().collect(),
@@ -59,45 +66,155 @@ impl Board {
     }
 }
 
-/// Finds the inner corners in every frame of every camera. Frames that do not show the whole board are
-/// passed over; of a board with markers, those that do not show six corners.
+/// Frames of a film of the board that are looked at, at most: those between them show little that is new.
+const MOST_LOOKED: usize = 600;
+/// Neighbours in time by which the velocity of an image is measured are no more than so many intervals away.
+const NEAR_INTERVALS: f64 = 1.5;
+
+/// Finds the inner corners in the frames of every camera. Frames that do not show the whole board are passed over;
+/// of a board with markers, those that do not show six corners.
+///
+/// With [`Board::together`], images of one number belong together. Of films those frames do that are nearest in
+/// time; as free-running cameras are not in step, their lags within a frame interval are left to the calibration,
+/// with the velocities of the corners. A frame whose velocity cannot be measured stands by itself.
 ///
 /// # Errors
 /// Sources that fail; [`PipelineError::NoBoard`] for a camera whose frames do not show it.
 pub fn board_of(board: &Board, feeds: Vec<Option<CameraFeed<'_>>>) -> Result<MovedObject, PipelineError> {
     let coded = board.coded()?;
-    let mut observations = Vec::new();
-    let many = feeds.len() as i64;
-    for (camera, feed) in feeds.into_iter().enumerate() {
-        let Some(feed) = feed else { continue };
-        let (mut frames, mut seen) = (0, 0);
-        for frame in feed.frames {
-            let corners = board.corners(coded.as_ref(), &frame?.frame);
-            let t_ns = if board.together { frames } else { frames * many + camera as i64 };
-            frames += 1;
-            seen += usize::from(!corners.is_empty());
-            observations.extend(corners.into_iter().map(|(marker, corner)| {
-                let BoardCorner { pixel, covariance_px2 } = corner;
-                MarkerObservation { t_ns, camera, marker, pixel, covariance_px2 }
-            }));
-        }
-        if seen == 0 {
-            let size = format!("{} by {} inner corners", board.columns, board.rows);
-            let (what, check) = match coded {
-                Some(_) => (
-                    format!("six corners of a board with {size} and the markers named"),
-                    "the dictionary, the numbers (inner corners, not squares) and the sides, and that it is sharp, its squares \
-                     25 px across or more",
-                ),
-                None => (
-                    format!("a chessboard with {size}"),
-                    "the numbers (inner corners, not squares), and that the whole board with a white margin is in view and sharp",
-                ),
-            };
-            return Err(PipelineError::NoBoard { camera: feed.name, frames, what, check });
+    let seen =
+        |feed: Option<CameraFeed<'_>>| feed.map(|feed| Film::of(board, coded.as_ref(), feed)).transpose();
+    let films: Vec<Option<Film>> = feeds.into_par_iter().map(seen).collect::<Result<_, _>>()?;
+    let grid = if board.together { films.iter().flatten().next() } else { None };
+    let grid_ns: Vec<i64> = grid.map_or_else(Vec::new, |film| film.stamps_ns.clone());
+    let is_film = films.iter().flatten().any(|film| film.is_film);
+    let mut out = MovedObject::board(board.columns, board.rows, board.square_m, Vec::new());
+    let mut velocities_px_s = Vec::new();
+    for (camera, film) in films.iter().enumerate() {
+        let Some(film) = film else { continue };
+        out.images.push(ObjectImages { camera, images: film.stamps_ns.len(), unseen: film.unseen() });
+        let mut taken_ns = None;
+        for view in &film.views {
+            let near_ns = film.nearest(&grid_ns, view.t_ns);
+            let velocities = view.velocities_px_s.as_ref().filter(|_| film.is_film);
+            let joins = near_ns.filter(|t| taken_ns != Some(*t) && (velocities.is_some() || !film.is_film));
+            taken_ns = joins.or(taken_ns);
+            // By itself: a time that no other camera has.
+            let t_ns = joins.unwrap_or(view.t_ns + camera as i64 + 1);
+            let early_s = 1e-9 * (t_ns - view.t_ns) as f64;
+            for (k, (marker, BoardCorner { pixel, covariance_px2 })) in view.corners.iter().enumerate() {
+                let velocity = velocities.filter(|_| joins.is_some()).map_or_else(Vector2::zeros, |v| v[k]);
+                let (marker, covariance_px2, pixel) = (*marker, *covariance_px2, pixel + velocity * early_s);
+                out.observations.push(MarkerObservation { t_ns, camera, marker, pixel, covariance_px2 });
+                velocities_px_s.push(velocity);
+            }
         }
     }
-    Ok(MovedObject::board(board.columns, board.rows, board.square_m, observations))
+    // Nearest frames are up to half an interval apart, and nothing says by how much: a uniform spread, half of its
+    // variance in each camera.
+    let interval_ns = films.iter().flatten().map(|f| f.interval_ns).max().unwrap_or(0);
+    let std_s = 1e-9 * interval_ns as f64 / 24f64.sqrt();
+    out.lags = (is_film && board.together && std_s > 0.0).then_some(ObjectLags { std_s, velocities_px_s });
+    Ok(out)
+}
+
+/// What one camera saw of the board.
+struct Film {
+    /// Whether its images follow each other in time.
+    is_film: bool,
+    /// Of all images that were looked at.
+    stamps_ns: Vec<i64>,
+    /// Those that show the board.
+    views: Vec<View>,
+    /// Between two frames of the recording, and between two that were looked at.
+    interval_ns: i64,
+    step_ns: i64,
+}
+
+struct View {
+    t_ns: i64,
+    corners: Vec<(usize, BoardCorner)>,
+    /// Of each corner's image; `None` where no neighbour in time shows the board.
+    velocities_px_s: Option<Vec<Vector2<f64>>>,
+}
+
+impl Film {
+    fn of(board: &Board, coded: Option<&CodedBoard>, feed: CameraFeed<'_>) -> Result<Self, PipelineError> {
+        let CameraFeed { name, announced, frames, clock, is_film, .. } = feed;
+        let every = announced.filter(|_| is_film).map_or(1, |n| n.div_ceil(MOST_LOOKED).max(1));
+        let (mut stamps_ns, mut views) = (Vec::new(), Vec::new());
+        for frame in frames.step_by(every) {
+            let TimedFrame { t_ns, frame } = frame?;
+            let t_ns = if is_film { clock.clock.time_ns(t_ns) } else { t_ns };
+            stamps_ns.push(t_ns);
+            let corners = board.corners(coded, &frame);
+            if !corners.is_empty() {
+                views.push(View { t_ns, corners, velocities_px_s: None });
+            }
+        }
+        if views.is_empty() {
+            return Err(not_found(board, name, stamps_ns.len()));
+        }
+        let step_ns = usual_interval_ns(stamps_ns.iter().copied()).unwrap_or(0);
+        let mut out = Self { is_film, stamps_ns, views, interval_ns: step_ns / every as i64, step_ns };
+        if is_film {
+            let velocities: Vec<_> = (0..out.views.len()).map(|k| out.velocities_px_s(k)).collect();
+            out.views.iter_mut().zip(velocities).for_each(|(view, v)| view.velocities_px_s = v);
+        }
+        Ok(out)
+    }
+
+    fn unseen(&self) -> usize {
+        self.stamps_ns.len() - self.views.len()
+    }
+
+    /// The nearest of other times, if it is within half a step.
+    fn nearest(&self, times_ns: &[i64], t_ns: i64) -> Option<i64> {
+        let after = times_ns.partition_point(|t| *t < t_ns);
+        let near = times_ns.get(after.saturating_sub(1)..times_ns.len().min(after + 1))?;
+        let nearest = near.iter().copied().min_by_key(|t| (t - t_ns).abs())?;
+        (2 * (nearest - t_ns).abs() <= self.step_ns).then_some(nearest)
+    }
+
+    /// Differences of the neighbours in time, or with one of them. A corner that neither shows moves like the mean
+    /// of the others.
+    fn velocities_px_s(&self, k: usize) -> Option<Vec<Vector2<f64>>> {
+        let own = &self.views[k];
+        let is_near = |v: &&View| ((v.t_ns - own.t_ns).abs() as f64) < NEAR_INTERVALS * self.step_ns as f64;
+        let before = k.checked_sub(1).and_then(|b| self.views.get(b)).filter(is_near);
+        let after = self.views.get(k + 1).filter(is_near);
+        let of = |view: Option<&View>, corner: usize| {
+            let view = view?;
+            let seen = view.corners.iter().find(|c| c.0 == corner)?;
+            Some((view.t_ns, seen.1.pixel))
+        };
+        let velocity = |(corner, seen): &(usize, BoardCorner)| {
+            let here = (own.t_ns, seen.pixel);
+            let (from, to) = (of(before, *corner).unwrap_or(here), of(after, *corner).unwrap_or(here));
+            (to.0 > from.0).then(|| (to.1 - from.1) / (1e-9 * (to.0 - from.0) as f64))
+        };
+        let measured: Vec<Option<Vector2<f64>>> = own.corners.iter().map(velocity).collect();
+        let known: Vec<Vector2<f64>> = measured.iter().copied().flatten().collect();
+        let mean = known.iter().sum::<Vector2<f64>>() / known.len() as f64;
+        (!known.is_empty()).then(|| measured.iter().map(|v| v.unwrap_or(mean)).collect())
+    }
+}
+
+fn not_found(board: &Board, camera: String, frames: usize) -> PipelineError {
+    let size = format!("{} by {} inner corners", board.columns, board.rows);
+    let (what, check) = match board.dictionary {
+        Some(_) => (
+            format!("six corners of a board with {size} and the markers named"),
+            "the dictionary, the numbers (inner corners, not squares) and the sides, whether black and white are exchanged \
+             (inverted), and that it is sharp, its squares 25 px across or more",
+        ),
+        None => (
+            format!("a chessboard with {size}"),
+            "the numbers (inner corners, not squares), whether black and white are exchanged (inverted), and that the whole \
+             board with a white margin is in view and sharp",
+        ),
+    };
+    PipelineError::NoBoard { camera, frames, what, check }
 }
 
 #[cfg(test)]

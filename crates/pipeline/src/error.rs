@@ -108,7 +108,7 @@ pub enum PipelineError {
         /// Camera name.
         camera: String,
         /// Images looked at.
-        frames: i64,
+        frames: usize,
         /// What was looked for.
         what: String,
         /// What may be wrong.

@@ -49,6 +49,8 @@ pub struct CameraFeed<'a> {
     pub clap: Option<Clap>,
     /// Whether the encoder may have predicted frames from those before and after them.
     pub may_be_reordered: bool,
+    /// Whether frames follow each other in time, as those of an image sequence of a board do not.
+    pub is_film: bool,
 }
 
 impl<'a> CameraFeed<'a> {
@@ -64,6 +66,7 @@ impl<'a> CameraFeed<'a> {
             flash: false,
             clap: None,
             may_be_reordered: false,
+            is_film: true,
         }
     }
 }

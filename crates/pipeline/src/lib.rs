@@ -2,6 +2,7 @@
 //!
 //! Recorded, live and virtual cameras enter as [`CameraFeed`]s; nothing here knows which kind it is handed.
 
+mod aircraft;
 mod associate;
 mod board;
 mod calibrate;
@@ -29,6 +30,7 @@ mod tracker;
 mod wand;
 mod watch;
 
+pub use aircraft::aircraft_of;
 pub use associate::{FlightAssociator, Instant};
 pub use board::{Board, board_of};
 pub use calibrate::{ControlStill, calibrate_from_observations, calibrate_from_stills};

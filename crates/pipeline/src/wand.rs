@@ -31,8 +31,8 @@ pub struct WandBall {
 
 const BALL_NAMES: [&str; 2] = ["first ball", "second ball"];
 
-/// What one camera saw: time stamps, and both balls.
-type Seen = Vec<(i64, Vec<Option<Detection>>)>;
+/// What one camera saw: time stamps, and a ball of each colour.
+pub(crate) type Seen = Vec<(i64, Vec<Option<Detection>>)>;
 
 /// Finds both balls in every frame of every camera and joins the cameras in time: frames within half an
 /// interval of one of the first camera's are of the same instant.
@@ -40,16 +40,21 @@ type Seen = Vec<(i64, Vec<Option<Detection>>)>;
 /// # Errors
 /// Sources that fail, colours that cannot be distinguished, a camera without frames.
 pub fn wand_of(wand: &Wand, feeds: Vec<Option<CameraFeed<'_>>>) -> Result<MovedObject, PipelineError> {
-    let seen = |feed: Option<_>| feed.map_or_else(|| Ok(Vec::new()), |feed| balls_of(wand, feed));
+    let color = |k: usize| BallColor { name: BALL_NAMES[k].to_owned(), rgb: wand.balls[k].color.rgb() };
+    let colors = [0, 1].map(color);
+    let seen = |feed: Option<_>| feed.map_or_else(|| Ok(Vec::new()), |feed| balls_of("wand", &colors, feed));
     let seen: Vec<Seen> = feeds.into_par_iter().map(seen).collect::<Result<_, _>>()?;
     let balls = [0, 1].map(|k| (BALL_NAMES[k], wand.balls[k].diameter_m));
     Ok(MovedObject::wand(wand.length_m, wand.length_std_m, balls, joined(&seen)))
 }
 
-fn balls_of(wand: &Wand, feed: CameraFeed<'_>) -> Result<Seen, PipelineError> {
-    let color = |k: usize| BallColor { name: BALL_NAMES[k].to_owned(), rgb: wand.balls[k].color.rgb() };
-    let colors = [0, 1].map(color);
-    let failed = |source| PipelineError::Vision { place: format!("wand, {}", feed.name), source };
+/// The ball of each colour in every frame of a camera.
+pub(crate) fn balls_of(
+    object: &str,
+    colors: &[BallColor],
+    feed: CameraFeed<'_>,
+) -> Result<Seen, PipelineError> {
+    let failed = |source| PipelineError::Vision { place: format!("{object}, {}", feed.name), source };
     let mut tracker: Option<Tracker> = None;
     let mut out = Vec::new();
     for frame in feed.frames {
@@ -57,7 +62,7 @@ fn balls_of(wand: &Wand, feed: CameraFeed<'_>) -> Result<Seen, PipelineError> {
         let tracker = match &mut tracker {
             Some(tracker) => tracker,
             None => {
-                tracker.insert(Tracker::new(&colors, diameter_range_px(frame.frame.size)).map_err(failed)?)
+                tracker.insert(Tracker::new(colors, diameter_range_px(frame.frame.size)).map_err(failed)?)
             }
         };
         out.push((frame.t_ns, tracker.update_preferred(&frame.frame).to_vec()));

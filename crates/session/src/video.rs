@@ -117,6 +117,11 @@ impl FrameSource {
         if is_turned { ImageSize { width_px: height_px, height_px: width_px } } else { self.opened.size }
     }
 
+    /// Whether it is a sequence of images rather than a film.
+    pub fn is_images(&self) -> bool {
+        images::is_pattern(&self.path)
+    }
+
     /// Number of frames that the recording announces.
     pub fn declared_frames(&self) -> Option<usize> {
         let fields = if self.fields.is_some() { 2 } else { 1 };

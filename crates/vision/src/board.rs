@@ -37,8 +37,28 @@ const RING: [(isize, isize); 16] = [
     (-3, -3),
     (-2, -5),
 ];
-/// Responses below this part of the strongest are no corners of the same board.
-const LEAST_SHARE: f32 = 0.15;
+/// The same of radius 3 (that of Rosten & Drummond 2006), for small squares and narrow margins about markers.
+const SMALL_RING: [(isize, isize); 16] = [
+    (0, -3),
+    (1, -3),
+    (2, -2),
+    (3, -1),
+    (3, 0),
+    (3, 1),
+    (2, 2),
+    (1, 3),
+    (0, 3),
+    (-1, 3),
+    (-2, 2),
+    (-3, 1),
+    (-3, 0),
+    (-3, -1),
+    (-2, -2),
+    (-1, -3),
+];
+/// Responses below this part of the strongest are no corners of the same board: one that is tilted by 60°, seen in
+/// the haze of a lamp, still has them.
+const LEAST_SHARE: f32 = 0.1;
 /// A corner is the strongest within so many pixels.
 const APART_PX: usize = 4;
 /// Half of the window in which a corner is refined, at most; less where squares are small.
@@ -112,6 +132,10 @@ impl Grey {
         self.level[y * self.width + x]
     }
 
+    fn beside(&self, x: usize, y: usize, (dx, dy): (isize, isize)) -> f32 {
+        self.at(x.wrapping_add_signed(dx), y.wrapping_add_signed(dy))
+    }
+
     /// Between pixels; `None` outside.
     fn between(&self, p: &Vector2<f64>) -> Option<f64> {
         let (x, y) = (p.x.floor(), p.y.floor());
@@ -129,13 +153,15 @@ impl Grey {
 /// How much a pixel is like a corner of a chessboard: opposite sides alike, quarters apart unlike, and the
 /// middle like the ring.
 fn response(grey: &Grey, x: usize, y: usize) -> f32 {
-    let ring = RING.map(|(dx, dy)| grey.at(x.wrapping_add_signed(dx), y.wrapping_add_signed(dy)));
-    let sum: f32 = (0..4).map(|k| (ring[k] + ring[k + 8] - ring[k + 4] - ring[k + 12]).abs()).sum();
-    let difference: f32 = (0..8).map(|k| (ring[k] - ring[k + 8]).abs()).sum();
-    let middle =
-        (grey.at(x, y) + grey.at(x - 1, y) + grey.at(x + 1, y) + grey.at(x, y - 1) + grey.at(x, y + 1)) / 5.0;
-    let mean = ring.iter().sum::<f32>() / 16.0;
-    sum - difference - 16.0 * (middle - mean).abs()
+    let near = [(0, 0), (-1, 0), (1, 0), (0, 1), (0, -1)].map(|offset| grey.beside(x, y, offset));
+    let middle = near.iter().sum::<f32>() / 5.0;
+    let of_ring = |offsets: &[(isize, isize); 16]| {
+        let ring = offsets.map(|offset| grey.beside(x, y, offset));
+        let sum: f32 = (0..4).map(|k| (ring[k] + ring[k + 8] - ring[k + 4] - ring[k + 12]).abs()).sum();
+        let difference: f32 = (0..8).map(|k| (ring[k] - ring[k + 8]).abs()).sum();
+        sum - difference - 16.0 * (middle - ring.iter().sum::<f32>() / 16.0).abs()
+    };
+    of_ring(&RING).max(of_ring(&SMALL_RING))
 }
 
 /// Corners, strongest first.

@@ -96,6 +96,25 @@ impl Frame {
         Self { size, pixels }
     }
 
+    /// The frame with black and white exchanged, and each colour with its complement.
+    #[must_use]
+    pub fn inverted(&self) -> Self {
+        let mut out = self.clone();
+        // Limited range is from 16 to 235; a difference of colours is about 128.
+        let mirror = |plane: &mut [u8], sum: u16| {
+            plane.iter_mut().for_each(|x| *x = sum.saturating_sub(u16::from(*x)).min(255) as u8);
+        };
+        match &mut out.pixels {
+            Pixels::Rgb(rgb) => mirror(rgb, 255),
+            Pixels::Yuv420 { y, u, v, full_range, .. } => {
+                mirror(y, if *full_range { 255 } else { 16 + 235 });
+                mirror(u, 256);
+                mirror(v, 256);
+            }
+        }
+        out
+    }
+
     /// One field of an interlaced frame as a frame of full size: its own rows (even ones where `is_top`)
     /// where they are, those between as the mean of their neighbours, and likewise the rows of colour
     /// differences.
@@ -320,6 +339,20 @@ mod tests {
 
     fn size(width_px: u32, height_px: u32) -> ImageSize {
         ImageSize { width_px, height_px }
+    }
+
+    #[test]
+    fn an_inverted_frame_has_black_for_white_and_inverts_back() {
+        let rgb = Frame::from_rgb(size(2, 1), vec![0, 10, 255, 128, 1, 2]).unwrap();
+        assert_eq!(rgb.inverted().pixels, Pixels::Rgb(vec![255, 245, 0, 127, 254, 253]));
+        let planes = [vec![16, 235, 100, 16], vec![100], vec![200]];
+        let yuv = Frame::from_yuv420(size(2, 2), planes, false, YuvMatrix::Bt601).unwrap();
+        assert_eq!(
+            (yuv.inverted().rgb(0, 0), yuv.inverted().inverted()),
+            (yuv.inverted().rgb(1, 1), yuv.clone())
+        );
+        let grey = Frame::from_yuv420(size(1, 1), [vec![16], vec![128], vec![128]], false, YuvMatrix::Bt601);
+        assert_eq!(grey.unwrap().inverted().rgb(0, 0), [255, 255, 255]);
     }
 
     /// 100 % colour bars: the code values printed in ITU-R BT.801 (601) and in SMPTE RP 219 rounded to 8 bits

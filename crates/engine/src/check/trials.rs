@@ -26,10 +26,6 @@ fn by_table(frame: &Frame, table: &[u8; 256]) -> Frame {
     Frame::from_rgb(frame.size, rgb).unwrap_or_else(|_| frame.clone())
 }
 
-fn inverted(frame: Frame) -> Frame {
-    by_table(&frame, &std::array::from_fn(|code| 255 - code as u8))
-}
-
 /// A board that is found with black and white exchanged alone.
 pub(super) fn of_calibration(
     session: &Session,
@@ -38,10 +34,10 @@ pub(super) fn of_calibration(
 ) -> Option<CheckItem> {
     let EngineError::Pipeline(PipelineError::NoBoard { camera, .. }) = error else { return None };
     progress.begin(mavsight_pipeline::Stage::Calibrate, None);
-    objects_with(session, |feed| altered(feed, inverted)).ok()?;
+    objects_with(session, |feed| altered(feed, |frame| frame.inverted())).ok()?;
     let text = format!(
-        "{camera}: the board is printed with black and white exchanged: it is found in the inverted images, and in none as they are. Print it \
-         anew, or invert its images."
+        "{camera}: the board is printed with black and white exchanged: it is found in the inverted images, and in none as they are. Set \
+         `inverted = true` in `[board]`."
     );
     let index = session.cameras().iter().position(|c| c.name == *camera);
     Some(CheckItem::of_cause(Cause::BoardInverted, index, text))

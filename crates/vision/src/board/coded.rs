@@ -23,7 +23,7 @@ pub struct CodedBoard {
 pub enum CodedBoardError {
     /// No dictionary has that name.
     #[error(
-        "no dictionary is called `{name}`: there are DICT_4X4, DICT_5X5 and DICT_6X6 with _50, _100 or _250, and DICT_APRILTAG_36h11"
+        "no dictionary is called `{name}`: there are DICT_4X4, DICT_5X5, DICT_6X6 and DICT_7X7 with _50, _100, _250 or _1000, DICT_ARUCO_ORIGINAL, DICT_ARUCO_MIP_36h12, and DICT_APRILTAG with _16h5, _25h9, _36h10 or _36h11"
     )]
     UnknownDictionary {
         /// What it was called.
@@ -70,6 +70,10 @@ const WITHIN: f64 = 0.2;
 /// What lies this far beyond a window enters it: two passes of smoothing and the difference that is the
 /// gradient.
 const BLUR_PX: f64 = 3.0;
+/// The same of the gradient alone.
+const GRADIENT_PX: f64 = 1.0;
+/// Half of the least window in which a corner is refined: as OpenCV has it.
+const LEAST_HALF_PX: f64 = 3.0;
 
 impl CodedBoard {
     /// A board of `columns` by `rows` inner corners, with markers of `marker_share` of a square's side.
@@ -94,6 +98,7 @@ impl CodedBoard {
         if squares > markers {
             return Err(CodedBoardError::TooFewMarkers { squares, markers });
         }
+        let dictionary = dictionary.first(squares);
         Ok(Self { columns, rows, marker_share, dictionary })
     }
 
@@ -153,11 +158,14 @@ pub fn find_coded_board(frame: &Frame, board: &CodedBoard) -> Vec<(usize, BoardC
             side_px = side_px.min((corners[*at] - corners[*other]).norm());
         }
     }
-    let margin_px = 0.5 * (1.0 - board.marker_share) * side_px - BLUR_PX;
-    let half_px = HALF_WINDOW_PX.min(0.4 * side_px).min(margin_px).floor().max(2.0) as isize;
-    let smooth = grey.smoothed();
+    // Where the margin about a marker is narrow, its border would enter a smoothed window.
+    let margin_px = 0.5 * (1.0 - board.marker_share) * side_px;
+    let is_wide = margin_px >= LEAST_HALF_PX + BLUR_PX;
+    let reach_px = if is_wide { BLUR_PX } else { GRADIENT_PX };
+    let half_px = HALF_WINDOW_PX.min(0.4 * side_px).min(margin_px - reach_px).max(LEAST_HALF_PX) as isize;
+    let grey = if is_wide { grey.smoothed() } else { grey };
     let mut out: Vec<(usize, BoardCorner)> =
-        places.iter().filter_map(|(k, at)| Some((*k, refined(&smooth, &corners[*at], half_px)?))).collect();
+        places.iter().filter_map(|(k, at)| Some((*k, refined(&grey, &corners[*at], half_px)?))).collect();
     if out.len() < LEAST_CORNERS {
         return Vec::new();
     }
