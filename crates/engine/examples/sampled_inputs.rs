@@ -33,6 +33,9 @@ const PART_S: f64 = 2.0;
 /// Terms that the twelve flights have and the model leaves out.
 const LACKING: [&str; 2] = ["d_xy", "d_z"];
 
+/// Time, s, and rates, rad/s.
+type TimedRates = (f64, Vector3<f64>);
+
 fn log_s(t_s: f64) -> f64 {
     OFFSET_S + t_s * (1.0 + DRIFT)
 }
@@ -138,7 +141,7 @@ fn rates(
     inputs: &InputSeries,
     motion: &Motion,
     poses: &[PoseSample],
-) -> Result<(Vec<(f64, Vector3<f64>)>, f64), Box<dyn Error>> {
+) -> Result<(Vec<TimedRates>, f64), Box<dyn Error>> {
     let simulator = Simulator::new(vehicle)?;
     let seconds = |p: &PoseSample| p.t_ns as f64 * 1e-9;
     let (mut out, mut worst) = (Vec::new(), 0.0_f64);
@@ -170,10 +173,10 @@ fn rates(
     Ok((out, worst))
 }
 
-fn gyroscope(rates: &[(f64, Vector3<f64>)], seed: u64) -> LogGyroscope {
+fn gyroscope(rates: &[TimedRates], seed: u64) -> LogGyroscope {
     let mut random = Random::new(seed, 0);
     let sensor_from_body = UnitQuaternion::from_scaled_axis(Vector3::new(0.2, -0.1, 0.45)).inverse();
-    let mut shown = |(_, rates): &(f64, Vector3<f64>)| {
+    let mut shown = |(_, rates): &TimedRates| {
         sensor_from_body * rates + Vector3::from(BIAS_RAD_S) + Vector3::from(random.normals()) * NOISE_RAD_S
     };
     LogGyroscope {

@@ -103,8 +103,9 @@ impl Found {
         }
         let reach_m = vehicle.marker.iter().map(|m| Vector3::from(m.position_m).norm()).fold(0.0, f64::max);
         let end = |k: usize| seen(Vector3::ith(k, reach_m));
-        let axes = || Some([seen(Vector3::zeros())?, end(0)?, end(1)?, end(2)?]);
-        found.axes = axes();
+        if let [Some(origin), Some(x), Some(y), Some(z)] = [seen(Vector3::zeros()), end(0), end(1), end(2)] {
+            found.axes = Some([origin, x, y, z]);
+        }
         (!found.detected.is_empty() || !found.predicted.is_empty()).then_some(found)
     }
 
