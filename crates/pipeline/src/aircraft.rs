@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 /// Finds the ball of each colour in every frame of every camera, and joins the frames that are nearest in time; their
 /// lags within a frame interval are left to the calibration, with the velocities of the balls. Markers that share a
-/// colour are left out, as nothing tells them apart before the cameras are known.
+/// colour are left out, as they cannot be distinguished before the cameras are known.
 ///
 /// Markers are uncertain by half a millimetre a coordinate, centres by a constant error as large as the standard
 /// deviation that they claim: more would contradict the claim.

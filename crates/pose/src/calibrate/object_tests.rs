@@ -351,7 +351,7 @@ fn cameras_that_are_not_in_step_are_as_good_as_they_claim() {
     let truth = cameras().to_vec();
     let empty = MovedObject::board(6, 4, 0.2, Vec::new());
     let pose = |t_s: f64| {
-        let wave = |hz: f64, shift: f64| (6.283 * hz * t_s + shift).sin();
+        let wave = |hz: f64, shift: f64| (std::f64::consts::TAU * hz * t_s + shift).sin();
         let at = Vector3::new(0.8 * wave(0.21, 0.0), 0.8 * wave(0.17, 1.0) - 1.5, 1.5 + 0.5 * wave(0.3, 2.0));
         let turn = Vector3::new(1.6 + 0.5 * wave(0.2, 0.3), 0.5 * wave(0.13, 1.0), 0.4 * wave(0.29, 2.0));
         Isometry3::from_parts(Translation3::from(at), UnitQuaternion::from_scaled_axis(turn))
