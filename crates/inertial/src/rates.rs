@@ -10,7 +10,7 @@ impl LogAlignment {
     /// for each column of the root of its covariance.
     ///
     /// # Errors
-    /// [`PoseError::BadRates`] where the log's rate is so high that times fall together.
+    /// [`mavsight_pose::RatesRefusal::Bad`] where the log's rate is so high that times fall together.
     pub fn body_rates(&self, gyroscope: &GyroscopeSeries) -> Result<RateSeries, PoseError> {
         let body_from_sensor = self.body_from_sensor.to_rotation_matrix().into_inner();
         let gains = self.scale.add_scalar(1.0);

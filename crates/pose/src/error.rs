@@ -1,5 +1,6 @@
 //! Refusals of the steps from observations to motion, with reasons and remedies.
 
+use crate::RatesRefusal;
 use mavsight_geometry::GeometryError;
 use thiserror::Error;
 
@@ -362,36 +363,9 @@ pub enum PoseError {
         /// Poses needed.
         needed: usize,
     },
-    /// Rates of a gyroscope that are none.
-    #[error("rate {index} of the gyroscope {what}: leave it out, or sort the rates by time")]
-    BadRates {
-        /// Row.
-        index: usize,
-        /// What is wrong.
-        what: &'static str,
-    },
-    /// Too few rates of a gyroscope during the poses.
-    #[error("{found} rates of the gyroscope lie within the poses, and their noise needs at least {needed}")]
-    TooFewRates {
-        /// Rates found.
-        found: usize,
-        /// Rates needed.
-        needed: usize,
-    },
-    /// A gyroscope that makes the measured poses less likely.
-    #[error(
-        "the gyroscope contradicts the poses: each pose differs from what the rates and the earlier poses say of it by {with:.1} \
-         squared standard deviations of 6, and by {without:.1} without the rates, and the poses are less likely by a factor of \
-         exp({loss:.0}); is it the log of this flight, and does the sensor sit firmly in the body?"
-    )]
-    RatesDisagree {
-        /// Mean normalised square of a pose's innovation with the rates.
-        with: f64,
-        /// And without.
-        without: f64,
-        /// Loss of log likelihood of all poses.
-        loss: f64,
-    },
+    /// Rates of a gyroscope that the smoother cannot use.
+    #[error(transparent)]
+    Rates(#[from] RatesRefusal),
     /// Time must increase.
     #[error("sample {index} at {t_s:.6} s does not come after the one before it: sort the poses by time")]
     TimeNotIncreasing {

@@ -12,6 +12,7 @@ mod estimate;
 mod moving;
 mod observations;
 mod precision;
+mod rates_refusal;
 mod refine;
 mod reordered_frames;
 mod reprojection;
@@ -45,6 +46,7 @@ pub use precision::{
     MapPlane, PrecisionMap, Volume, VolumePrecision, control_volume, precision_map, predicted_covariance_m2,
     volume_precision,
 };
+pub use rates_refusal::RatesRefusal;
 pub use refine::{FlightPrior, RefinedFlight, refine_flight};
 pub use reordered_frames::displacements_of_reordered_frames;
 pub use select::{Selection, select_control_balls};

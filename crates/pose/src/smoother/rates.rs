@@ -4,8 +4,8 @@
 //! the rates alone, as [`crate::smoother::noise`] has them of poses. Of neighbouring samples the smoother takes means that are
 //! short against what it passes, so that it costs by the band of the motion and not by the rate of the sensor.
 
-use crate::PoseError;
 use crate::smoother::noise::{COARSE_STEPS, least};
+use crate::{PoseError, RatesRefusal};
 use mavsight_geometry::{Matrix3, Vector3};
 use std::f64::consts::PI;
 use std::ops::Range;
@@ -52,13 +52,13 @@ impl RateSeries {
     /// Takes a rate for each time, and what is uncertain of all of them alike.
     ///
     /// # Errors
-    /// [`PoseError::BadRates`] for numbers of times and rates that differ, times that do not increase, and what is not finite.
+    /// [`RatesRefusal::Bad`] for numbers of times and rates that differ, times that do not increase, and what is not finite.
     pub fn new(
         times_ns: Vec<i64>,
         rates_rad_s: Vec<Vector3<f64>>,
         errors: Vec<RateError>,
     ) -> Result<Self, PoseError> {
-        let bad = |index, what| Err(PoseError::BadRates { index, what });
+        let bad = |index, what| Err(RatesRefusal::Bad { index, what }.into());
         if times_ns.len() != rates_rad_s.len() {
             return bad(times_ns.len().min(rates_rad_s.len()), "has not both a time and a rate");
         }
@@ -112,11 +112,11 @@ impl Rates {
     /// Of the samples between two times.
     ///
     /// # Errors
-    /// [`PoseError::TooFewRates`].
+    /// [`RatesRefusal::TooFew`].
     pub(crate) fn of(series: &RateSeries, span_ns: (i64, i64)) -> Result<Self, PoseError> {
         let times = &series.times_ns;
         let within = times.partition_point(|t| *t < span_ns.0)..times.partition_point(|t| *t <= span_ns.1);
-        let too_few = PoseError::TooFewRates { found: within.len(), needed: NEEDED };
+        let too_few: PoseError = RatesRefusal::TooFew { found: within.len(), needed: NEEDED }.into();
         if within.len() < NEEDED {
             return Err(too_few);
         }
@@ -293,11 +293,20 @@ mod tests {
     fn bad_rates_are_refused() {
         let rate = Vector3::new(0.0, 0.0, 1.0);
         let refused = |times: Vec<i64>, rates: Vec<Vector3<f64>>| RateSeries::new(times, rates, Vec::new());
-        assert!(matches!(refused(vec![0, 1], vec![rate]), Err(PoseError::BadRates { index: 1, .. })));
-        assert!(matches!(refused(vec![0, 0], vec![rate; 2]), Err(PoseError::BadRates { index: 1, .. })));
+        assert!(matches!(
+            refused(vec![0, 1], vec![rate]),
+            Err(PoseError::Rates(RatesRefusal::Bad { index: 1, .. }))
+        ));
+        assert!(matches!(
+            refused(vec![0, 0], vec![rate; 2]),
+            Err(PoseError::Rates(RatesRefusal::Bad { index: 1, .. }))
+        ));
         let wild = refused(vec![0, 1], vec![rate, rate * f64::NAN]);
-        assert!(matches!(wild, Err(PoseError::BadRates { index: 1, .. })));
+        assert!(matches!(wild, Err(PoseError::Rates(RatesRefusal::Bad { index: 1, .. }))));
         let few = RateSeries::new(vec![0, 1], vec![rate; 2], Vec::new()).unwrap();
-        assert!(matches!(Rates::of(&few, (0, 9)), Err(PoseError::TooFewRates { found: 2, .. })));
+        assert!(matches!(
+            Rates::of(&few, (0, 9)),
+            Err(PoseError::Rates(RatesRefusal::TooFew { found: 2, .. }))
+        ));
     }
 }

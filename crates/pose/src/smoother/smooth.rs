@@ -61,7 +61,7 @@ pub fn smooth_with_effects(
 /// Rates under which the poses are less likely than without them (each by what comes before it; Dawid 1984) are refused.
 ///
 /// # Errors
-/// Those of [`smooth`]; [`PoseError::TooFewRates`], [`PoseError::RatesDisagree`].
+/// Those of [`smooth`]; [`crate::RatesRefusal`].
 pub fn smooth_with_rates(
     poses: &[PoseSample],
     effects: EffectsOf<'_>,

@@ -4,7 +4,7 @@ use super::{Flown, forward, informed_start, known_parts};
 use crate::smoother::believed::{Believed, believed};
 use crate::smoother::noise::Likely;
 use crate::smoother::rates::Rates;
-use crate::{PoseError, PoseSample};
+use crate::{PoseError, PoseSample, RatesRefusal};
 use nalgebra::{DMatrix, DVector, Matrix6xX};
 use std::ops::Range;
 
@@ -25,7 +25,7 @@ pub(super) fn require(poses: &[PoseSample], rates: &Rates) -> Result<(), PoseErr
     let with = predicted(&poses, &parts, &found.with_rates(Some(rates))).ok_or(failed)?;
     let loss = without.log_likelihood - with.log_likelihood;
     if loss > 0.0 {
-        return Err(PoseError::RatesDisagree { with: with.square, without: without.square, loss });
+        return Err(RatesRefusal::Disagree { with: with.square, without: without.square, loss }.into());
     }
     Ok(())
 }

@@ -1,6 +1,6 @@
 use super::tests::{GRAVITY, coverage, exact, filmed, flight};
 use super::{smooth, smooth_with_rates};
-use crate::{Motion, PoseError, PoseSample, RateError, RateSeries};
+use crate::{Motion, PoseError, PoseSample, RateError, RateSeries, RatesRefusal};
 use mavsight_geometry::Vector3;
 use mavsight_random::Random;
 use nalgebra::SVector;
@@ -63,9 +63,11 @@ fn a_gyroscope_that_contradicts_the_poses_is_refused() {
     let turned = rates.rates_rad_s().iter().map(|r| Vector3::new(r.y, -r.x, r.z)).collect();
     let turned = RateSeries::new(rates.times_ns().to_vec(), turned, Vec::new()).unwrap();
     let refused = smooth_with_rates(&poses, &|_| None, &turned, GRAVITY);
-    let Err(PoseError::RatesDisagree { with, without, loss }) = refused else { panic!("{refused:?}") };
+    let Err(PoseError::Rates(RatesRefusal::Disagree { with, without, loss })) = refused else {
+        panic!("{refused:?}")
+    };
     assert!(with > 3.0 * without && loss > 0.0, "{with} {without} {loss}");
     let elsewhere = RateSeries::new(vec![-5, -3, -1], vec![Vector3::zeros(); 3], Vec::new()).unwrap();
     let refused = smooth_with_rates(&poses, &|_| None, &elsewhere, GRAVITY);
-    assert!(matches!(refused, Err(PoseError::TooFewRates { found: 0, .. })), "{refused:?}");
+    assert!(matches!(refused, Err(PoseError::Rates(RatesRefusal::TooFew { found: 0, .. }))), "{refused:?}");
 }
