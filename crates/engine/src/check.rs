@@ -12,8 +12,8 @@ mod smear;
 mod trials;
 
 pub use control::ControlBall;
-pub use film::{Shot, Spot};
-pub(crate) use film::{coded as coded_light, hue};
+pub(crate) use film::coded as coded_light;
+pub use film::{Shot, Spot, hue};
 pub use items::{CheckItem, Harm};
 pub use smear::Exposure;
 

@@ -23,7 +23,7 @@ const SET_UP_STD_M: f64 = 0.1;
 const INSIDE: f64 = 7.815;
 const RATE_HZ: f64 = 15.0;
 const FRAMES: u64 = 150;
-/// Control balls that the third camera sees, and a ball's distance from the rim of the image that counts as in view.
+/// Control balls that the third camera sees; none is this near to the rim of the image, which would show a part of it.
 const SEEN: usize = 5;
 const RIM_PX: f64 = 15.0;
 
@@ -42,12 +42,14 @@ fn set_up(random: &mut Random) -> Outcome<Vec<VirtualCamera>> {
         let aim = Vector3::new(0.1 * f64::from(k % 30), 0.0, 1.0 + 0.1 * f64::from(k / 30));
         Camera::looking_at(centre, aim, like.intrinsics, like.size)
     };
-    let count = |camera: &Camera| {
-        let in_view =
-            |p: &&Vector3<f64>| camera.project(p).is_ok_and(|seen| camera.size.contains(&seen.pixel, RIM_PX));
+    let count = |camera: &Camera, margin_px: f64| {
+        let in_view = |p: &&Vector3<f64>| {
+            camera.project(p).is_ok_and(|seen| camera.size.contains(&seen.pixel, margin_px))
+        };
         places.iter().filter(in_view).count()
     };
-    third.camera = (0..300).map(camera_at).find(|c| count(c) == SEEN).ok_or("no view of five balls")?;
+    let shows_five = |c: &Camera| [RIM_PX, -RIM_PX].iter().all(|margin_px| count(c, *margin_px) == SEEN);
+    third.camera = (0..300).map(camera_at).find(shows_five).ok_or("no view of five balls")?;
     third.name = "cam3".to_owned();
     cameras.push(third);
     Ok(cameras)

@@ -1,5 +1,6 @@
 //! The aircraft in flight as an object that is moved before the cameras, for cameras that see too few control points.
 
+use crate::feed::nearest_ns;
 use crate::markers::{MARKERS_STD_M, MarkerColors, body_markers};
 use crate::wand::{Seen, balls_of};
 use crate::{CameraFeed, PipelineError, usual_interval_ns};
@@ -39,10 +40,7 @@ pub fn aircraft_of(vehicle: &Vehicle, feeds: Vec<CameraFeed<'_>>) -> Result<Move
     for (camera, frames) in seen.iter().enumerate() {
         for k in 1..frames.len().saturating_sub(1) {
             let own_ns = clocks[camera].time_ns(frames[k].0);
-            let Some(t_ns) = nearest(&first_ns, own_ns).filter(|t| 2 * (t - own_ns).abs() <= interval_ns)
-            else {
-                continue;
-            };
+            let Some(t_ns) = nearest_ns(&first_ns, own_ns, interval_ns / 2) else { continue };
             for (color, marker) in marker_of.iter().enumerate() {
                 let Some((marker, (ball, velocity))) = marker.zip(moving(&frames[k - 1..=k + 1], color))
                 else {
@@ -68,12 +66,6 @@ pub fn aircraft_of(vehicle: &Vehicle, feeds: Vec<CameraFeed<'_>>) -> Result<Move
         lags: (std_s > 0.0).then_some(ObjectLags { std_s, velocities_px_s }),
         images: Vec::new(),
     })
-}
-
-fn nearest(times_ns: &[i64], t_ns: i64) -> Option<i64> {
-    let after = times_ns.partition_point(|t| *t < t_ns);
-    let near = times_ns.get(after.saturating_sub(1)..times_ns.len().min(after + 1))?;
-    near.iter().copied().min_by_key(|t| (t - t_ns).abs())
 }
 
 /// A ball in the middle one of three frames, and the velocity of its image by the others.

@@ -1,5 +1,6 @@
 //! A chessboard from its images or films.
 
+use crate::feed::nearest_ns;
 use crate::{CameraFeed, PipelineError, TimedFrame, usual_interval_ns};
 use mavsight_geometry::Vector2;
 use mavsight_pose::{MarkerObservation, MovedObject, ObjectImages, ObjectLags};
@@ -95,7 +96,7 @@ pub fn board_of(board: &Board, feeds: Vec<Option<CameraFeed<'_>>>) -> Result<Mov
         out.images.push(ObjectImages { camera, images: film.stamps_ns.len(), unseen: film.unseen() });
         let mut taken_ns = None;
         for view in &film.views {
-            let near_ns = film.nearest(&grid_ns, view.t_ns);
+            let near_ns = nearest_ns(&grid_ns, view.t_ns, film.step_ns / 2);
             let velocities = view.velocities_px_s.as_ref().filter(|_| film.is_film);
             let joins = near_ns.filter(|t| taken_ns != Some(*t) && (velocities.is_some() || !film.is_film));
             taken_ns = joins.or(taken_ns);
@@ -166,14 +167,6 @@ impl Film {
 
     fn unseen(&self) -> usize {
         self.stamps_ns.len() - self.views.len()
-    }
-
-    /// The nearest of other times, if it is within half a step.
-    fn nearest(&self, times_ns: &[i64], t_ns: i64) -> Option<i64> {
-        let after = times_ns.partition_point(|t| *t < t_ns);
-        let near = times_ns.get(after.saturating_sub(1)..times_ns.len().min(after + 1))?;
-        let nearest = near.iter().copied().min_by_key(|t| (t - t_ns).abs())?;
-        (2 * (nearest - t_ns).abs() <= self.step_ns).then_some(nearest)
     }
 
     /// Differences of the neighbours in time, or with one of them. A corner that neither shows moves like the mean

@@ -1,6 +1,7 @@
 //! A wand from its recordings.
 
 use crate::calibrate::diameter_range_px;
+use crate::feed::nearest_ns;
 use crate::{CameraFeed, PipelineError, usual_interval_ns};
 use mavsight_flight::Color;
 use mavsight_pose::{MarkerObservation, MovedObject};
@@ -73,16 +74,12 @@ pub(crate) fn balls_of(
 /// Observations of all cameras under the time stamps of the first camera that has any.
 fn joined(seen: &[Seen]) -> Vec<MarkerObservation> {
     let Some(first) = seen.iter().find(|s| !s.is_empty()) else { return Vec::new() };
-    let within_ns = usual_interval_ns(first.iter().map(|f| f.0)).map_or(0, |n| n / 2);
+    let first_ns: Vec<i64> = first.iter().map(|f| f.0).collect();
+    let within_ns = usual_interval_ns(first_ns.iter().copied()).map_or(0, |n| n / 2);
     let mut out = Vec::new();
     for (camera, frames) in seen.iter().enumerate() {
         for (own_ns, balls) in frames {
-            let after = first.partition_point(|(t_ns, _)| t_ns < own_ns);
-            let near = first[after.saturating_sub(1)..first.len().min(after + 1)].iter().map(|f| f.0);
-            let Some(t_ns) = near.min_by_key(|t_ns| (t_ns - own_ns).abs()) else { continue };
-            if (t_ns - own_ns).abs() > within_ns {
-                continue;
-            }
+            let Some(t_ns) = nearest_ns(&first_ns, *own_ns, within_ns) else { continue };
             for (marker, ball) in balls.iter().enumerate() {
                 let Some(Detection { pixel, covariance_px2, .. }) = *ball else { continue };
                 out.push(MarkerObservation { t_ns, camera, marker, pixel, covariance_px2 });

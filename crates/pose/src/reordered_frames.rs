@@ -1,5 +1,6 @@
 //! What an encoder leaves open that predicts frames from those before and after them.
 
+use crate::statistics::median;
 use crate::{PoseEstimate, PoseSample};
 use mavsight_geometry::Vector3;
 use nalgebra::{Matrix3, Vector6};
@@ -23,7 +24,7 @@ const LONGEST_S: f64 = 0.5;
 /// out nor says that a pose is worse than its neighbours.
 pub fn displacements_of_reordered_frames(poses: &[PoseSample]) -> Vec<Vector6<f64>> {
     let mut displaced = vec![Vector6::zeros(); poses.len()];
-    let Some(interval_s) = usual_interval_s(poses) else { return displaced };
+    let interval_s = median(poses.windows(2).map(|w| (w[1].t_ns - w[0].t_ns) as f64 * 1e-9).collect());
     let measured: Vec<usize> = (0..poses.len()).filter(|k| poses[*k].estimate.is_ok()).collect();
     for (k, pose) in measured.iter().enumerate() {
         if let Some(by) = half_second_difference(poses, &measured, k, interval_s) {
@@ -35,12 +36,6 @@ pub fn displacements_of_reordered_frames(poses: &[PoseSample]) -> Vec<Vector6<f6
 
 fn seconds(poses: &[PoseSample], k: usize) -> f64 {
     poses[k].t_ns as f64 * 1e-9
-}
-
-fn usual_interval_s(poses: &[PoseSample]) -> Option<f64> {
-    let mut steps_ns: Vec<i64> = poses.windows(2).map(|pair| pair[1].t_ns - pair[0].t_ns).collect();
-    steps_ns.sort_unstable();
-    steps_ns.get(steps_ns.len() / 2).map(|step| *step as f64 * 1e-9)
 }
 
 /// The curvature of a parabola through a pose and its neighbours, times the square of the interval: position in the world, turn

@@ -56,9 +56,8 @@ const SMALL_RING: [(isize, isize); 16] = [
     (-2, -2),
     (-1, -3),
 ];
-/// Responses below this part of the strongest are no corners of the same board: one that is tilted by 60°, seen in
-/// the haze of a lamp, still has them.
-const LEAST_SHARE: f32 = 0.1;
+/// Responses below this part of the strongest are no corners of the same board.
+const LEAST_SHARE: f32 = 0.15;
 /// A corner is the strongest within so many pixels.
 const APART_PX: usize = 4;
 /// Half of the window in which a corner is refined, at most; less where squares are small.

@@ -248,8 +248,9 @@ pub(super) fn disc_rgb(frame: &Frame, at: Vector2<f64>, diameter_px: f64) -> [u8
     ring_light(frame, at, 0.0, inside_px).map_or([0; 3], |light| light.map(coded))
 }
 
-/// Linear light in the plane perpendicular to grey.
-pub(crate) fn hue([r, g, b]: [f64; 3]) -> Vector2<f64> {
+/// Linear light, red, green and blue, in the plane perpendicular to grey: along the hue of red, and a right angle from it. Its
+/// direction is the hue, whatever the brightness.
+pub fn hue([r, g, b]: [f64; 3]) -> Vector2<f64> {
     Vector2::new(r - 0.5 * (g + b), 0.75_f64.sqrt() * (g - b))
 }
 

@@ -1,7 +1,7 @@
 //! check.html: what each camera sees before the flight is run.
 
 use anyhow::Result;
-use mavsight_engine::{CameraCheck, CheckItem, Harm, SessionCheck, Shot};
+use mavsight_engine::{CameraCheck, CheckItem, Harm, SessionCheck, Shot, hue};
 use mavsight_flight::Color;
 use mavsight_geometry::{ImageSize, Vector2};
 use mavsight_report::{Figure, Report, ReportSection, Table, picture_address, render};
@@ -246,14 +246,12 @@ impl Cut {
     }
 }
 
-/// Linear light in the plane perpendicular to grey, as the detection compares colours, with its length over the
-/// strongest channel.
-fn hue(rgb: [u8; 3]) -> Option<(f64, f64)> {
-    let [red, green, blue] = rgb;
-    let [r, g, b] = Color::new(red, green, blue).to_linear();
-    let most = r.max(g).max(b);
-    let (x, y) = (r - 0.5 * (g + b), 0.75_f64.sqrt() * (g - b));
-    (most > 0.0).then(|| (x / most, y / most))
+/// The hue of a colour, as the detection compares colours, over its strongest channel.
+fn pure_hue([red, green, blue]: [u8; 3]) -> Option<(f64, f64)> {
+    let light = Color::new(red, green, blue).to_linear();
+    let most = light.into_iter().fold(0.0, f64::max);
+    let own = hue(light) / most;
+    (most > 0.0).then_some((own.x, own.y))
 }
 
 fn hues(shots: &[Shot], found: &SessionCheck) -> String {
@@ -264,7 +262,7 @@ fn hues(shots: &[Shot], found: &SessionCheck) -> String {
         2.0 * R + 140.0
     );
     for (name, nominal) in &found.markers {
-        let Some((x, y)) = hue(*nominal) else { continue };
+        let Some((x, y)) = pure_hue(*nominal) else { continue };
         let angle = y.atan2(x).rem_euclid(TAU);
         let (c, s) = (angle.cos(), -angle.sin());
         let [r, g, b] = nominal;
@@ -279,7 +277,7 @@ fn hues(shots: &[Shot], found: &SessionCheck) -> String {
         );
     }
     for spot in shots.iter().flat_map(|s| &s.spots).filter(|s| s.is_detected) {
-        let Some((x, y)) = hue(spot.rgb) else { continue };
+        let Some((x, y)) = pure_hue(spot.rgb) else { continue };
         let [r, g, b] = spot.rgb;
         out += &format!(
             "<circle cx=\"{:.1}\" cy=\"{:.1}\" r=\"5\" fill=\"#{r:02x}{g:02x}{b:02x}\" stroke=\"#000\" stroke-width=\"0.7\"/>",

@@ -108,8 +108,8 @@ impl MovedObject {
 
 /// Places of an object that enter, spread over all: a hundred reduce noise below the systematic errors.
 const MOST_PLACES: usize = 100;
-/// Views whose middles lie in one square of this side are in one part of the image: a lens changes little within.
-const CELL_PX: f64 = 200.0;
+/// Views whose middles lie in one of so many squares across the image are in one part of it: a lens changes little within.
+const CELLS: f64 = 4.0;
 
 /// A moved object as the adjustment has it.
 #[derive(Clone)]
@@ -130,7 +130,7 @@ pub(super) struct Moved {
 /// how large and how tilted.
 #[derive(PartialEq, Eq, PartialOrd, Ord)]
 struct Kind {
-    cameras: u64,
+    seen_by: u64,
     cell: (i64, i64),
     octave: i64,
     tilt: [i64; 4],
@@ -138,8 +138,8 @@ struct Kind {
 
 impl Kind {
     /// `None` for fewer than four points in the camera that sees most.
-    fn of(seen: &[PointObservation], body: &[BodyMarker]) -> Option<Self> {
-        let cameras = seen.iter().fold(0, |all, o| all | 1 << o.camera.min(63));
+    fn of(seen: &[PointObservation], body: &[BodyMarker], cameras: &[Camera]) -> Option<Self> {
+        let seen_by = seen.iter().fold(0, |all, o| all | 1 << o.camera.min(63));
         let count = |camera: usize| seen.iter().filter(|o| o.camera == camera).count();
         let best = seen.iter().map(|o| o.camera).max_by_key(|c| count(*c))?;
         let own: Vec<&PointObservation> = seen.iter().filter(|o| o.camera == best).collect();
@@ -160,10 +160,11 @@ impl Kind {
         let shape = affine * affine.transpose() / (size_px_m * size_px_m);
         let tilt = [shape[(0, 0)], shape[(0, 1)], shape[(1, 1)], affine[(0, 0)] / size_px_m];
         let part = |x: f64, of: f64| (x / of).floor() as i64;
+        let cell_px = f64::from(cameras.get(best)?.size.width_px) / CELLS;
         let is_finite = n >= 4.0 && size_px_m > 0.0 && tilt.iter().all(|t| t.is_finite());
         is_finite.then(|| Self {
-            cameras,
-            cell: (part(mean.x, CELL_PX), part(mean.y, CELL_PX)),
+            seen_by,
+            cell: (part(mean.x, cell_px), part(mean.y, cell_px)),
             octave: part(size_px_m.log2(), 1.0),
             tilt: tilt.map(|t| part(t, 0.5)),
         })
@@ -303,7 +304,7 @@ impl Moved {
     /// The object at the places that these cameras determine with redundancy, thinned out.
     pub(super) fn placed(&self, cameras: &[Camera]) -> Self {
         let shared = self.shared(cameras, 1.0);
-        let chosen = self.chosen();
+        let chosen = self.chosen(cameras);
         let place = |Instant { observations, .. }: &Instant| {
             let near = self.approximate_pose(observations, cameras)?;
             let world_from_body = shared.best_pose(observations, &near, f64::INFINITY)?;
@@ -319,7 +320,7 @@ impl Moved {
 
     /// The places that enter, in their order. Of a board those that are sharpest, by turns from all parts of the
     /// images, tilts and sizes that there are; of other objects every so many.
-    fn chosen(&self) -> Vec<usize> {
+    fn chosen(&self, cameras: &[Camera]) -> Vec<usize> {
         let n = self.places.len();
         if n <= MOST_PLACES || !self.is_board() {
             return (0..n).step_by(n.div_ceil(MOST_PLACES).max(1)).collect();
@@ -327,7 +328,7 @@ impl Moved {
         let mut kinds: BTreeMap<Kind, Vec<(f64, usize)>> = BTreeMap::new();
         for (k, place) in self.places.iter().enumerate() {
             let information = place.observations.iter().map(|o| 1.0 / o.covariance_px2.trace()).sum();
-            if let Some(kind) = Kind::of(&place.observations, &self.body) {
+            if let Some(kind) = Kind::of(&place.observations, &self.body, cameras) {
                 kinds.entry(kind).or_default().push((information, k));
             }
         }
