@@ -172,10 +172,14 @@ impl<'a> Flown<'a> {
         flown
     }
 
+    /// With systematic errors of the rates alone, whatever the poses hold.
+    fn with_errors_of_rates(poses: &'a [PoseSample], first: usize, rates: Option<&'a Rates>) -> Self {
+        Self { pose_columns: 0, ..Self::new(poses, first, &|_| Some(Matrix6xX::zeros(0)), rates) }
+    }
+
     /// Without systematic errors, which do not change how poses agree.
     pub(crate) fn without_effects(poses: &'a [PoseSample], first: usize, rates: Option<&'a Rates>) -> Self {
-        let flown = Self::new(poses, first, &|_| Some(Matrix6xX::zeros(0)), rates);
-        Self { rate_columns: 0, ..flown }
+        Self { rate_columns: 0, ..Self::with_errors_of_rates(poses, first, rates) }
     }
 
     fn t_ns(&self, instant: Instant) -> i64 {

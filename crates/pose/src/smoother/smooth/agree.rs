@@ -5,7 +5,7 @@ use crate::smoother::believed::{Believed, believed};
 use crate::smoother::noise::Likely;
 use crate::smoother::rates::Rates;
 use crate::{PoseError, PoseSample, RatesRefusal};
-use nalgebra::{DMatrix, DVector, Matrix6xX};
+use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
 
 /// Poses, each by what comes before it.
@@ -40,7 +40,7 @@ fn predicted(poses: &[PoseSample], parts: &[Range<usize>], found: &Likely<'_>) -
     let mut right = DVector::zeros(columns);
     for part in parts.iter().cloned() {
         let first = part.start;
-        let flown = Flown::new(&poses[part], first, &|_| Some(Matrix6xX::zeros(0)), found.rates);
+        let flown = Flown::with_errors_of_rates(&poses[part], first, found.rates);
         let mut state = informed_start(&flown, &found.noise)?;
         for step in forward(&flown, 0..flown.instants.len(), &found.noise, &mut state)? {
             let Some(update) = step.updates.pose else { continue };

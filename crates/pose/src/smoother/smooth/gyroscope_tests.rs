@@ -3,7 +3,7 @@ use super::{smooth, smooth_with_rates};
 use crate::{Motion, PoseError, PoseSample, RateError, RateSeries, RatesRefusal};
 use mavsight_geometry::Vector3;
 use mavsight_random::Random;
-use nalgebra::SVector;
+use nalgebra::{Matrix6xX, SVector};
 
 /// Poses of a flight of sines, and rates of a gyroscope at 400 Hz whose constant error is drawn from its uncertainty.
 fn with_gyroscope(seed: u64, missing: impl Fn(i64) -> bool) -> (Vec<PoseSample>, RateSeries) {
@@ -70,4 +70,24 @@ fn a_gyroscope_that_contradicts_the_poses_is_refused() {
     let elsewhere = RateSeries::new(vec![-5, -3, -1], vec![Vector3::zeros(); 3], Vec::new()).unwrap();
     let refused = smooth_with_rates(&poses, &|_| None, &elsewhere, GRAVITY);
     assert!(matches!(refused, Err(PoseError::Rates(RatesRefusal::TooFew { found: 0, .. }))), "{refused:?}");
+}
+
+/// Poses of a film hold six condensed columns of what is systematic, and their effects are formed anew.
+#[test]
+fn a_gyroscope_beside_poses_with_condensed_systematic_errors_is_taken() {
+    let (mut poses, rates) = with_gyroscope(11, |_| false);
+    let effects = Matrix6xX::from_fn(8, |i, k| if i == k % 6 { 1e-4 } else { 0.0 });
+    for pose in &mut poses {
+        let estimate = pose.estimate.clone().unwrap();
+        pose.estimate = Ok(estimate.with_systematic(&effects.map(|v| v as f32)).condensed());
+    }
+    assert!(poses.iter().all(|p| p.estimate.as_ref().unwrap().is_condensed()));
+    let plain = smooth_with_rates(&with_gyroscope(11, |_| false).0, &|_| None, &rates, GRAVITY).unwrap();
+    for formed in [None, Some(effects)] {
+        let both = smooth_with_rates(&poses, &|_| formed.clone(), &rates, GRAVITY).unwrap();
+        for (with, without) in both.samples.iter().zip(&plain.samples) {
+            assert!((with.rates_rad_s - without.rates_rad_s).norm() < 1e-9);
+            assert!(with.covariance.quantity(0).trace() > without.covariance.quantity(0).trace());
+        }
+    }
 }
