@@ -70,8 +70,8 @@ pub(crate) fn calibrate(args: &Stage) -> Result<()> {
     let bars = Bars::new();
     let rig = mavsight_engine::calibrate(&session, &bars)?;
     bars.done();
-    let results = RunResults { session: session.file.name.clone(), rig: Some(rig), ..RunResults::default() };
-    put(results, &args.out)
+    let (session, notes) = (session.file.name.clone(), rig.notes().collect());
+    put(RunResults { session, notes, rig: Some(rig), ..RunResults::default() }, &args.out)
 }
 
 pub(crate) fn track(args: &Stage) -> Result<()> {
