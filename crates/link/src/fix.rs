@@ -29,10 +29,10 @@ pub struct Measured {
     pub covariance: Matrix6<f64>,
     /// Velocity and rates by the causal filter; none until it has run long enough to know them.
     pub moving: Option<Moving>,
-    /// Markers that entered, and root mean square residual of their coordinates.
+    /// Markers that entered.
     pub markers: usize,
-    /// Pixels.
-    pub residual_px: f64,
+    /// Root mean square residual of their coordinates; none where nothing is left over that could disagree.
+    pub residual_px: Option<f64>,
 }
 
 /// Velocity and rates in body axes.

@@ -5,7 +5,7 @@ use mavsight_geometry::{EulerAngles, Isometry3, Matrix6, Vector3, world_from_bod
 use mavsight_random::Random;
 
 pub(crate) fn measured(world_from_body: Isometry3<f64>, covariance: Matrix6<f64>) -> Measured {
-    Measured { world_from_body, covariance, moving: None, markers: 4, residual_px: 0.1 }
+    Measured { world_from_body, covariance, moving: None, markers: 4, residual_px: Some(0.1) }
 }
 
 /// The attitude of the published check value at (1.5, 2.25, 0.75), moving.

@@ -99,7 +99,7 @@ pub(crate) fn pose(
         velocity_std_m_s: std(0),
         rates_rad_s: moving.map(|m| m.rates_rad_s.into()),
         rates_std_rad_s: std(3),
-        residual_px: measured.map(|m| m.residual_px),
+        residual_px: measured.and_then(|m| m.residual_px),
         latency_ms: latency_ns as f64 * 1e-6,
         reason: reason.map(PoseError::to_string),
     }))

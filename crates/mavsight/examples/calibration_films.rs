@@ -171,7 +171,7 @@ fn board_rms_px(object: &mavsight::pose::MovedObject, rig: &mavsight::pose::Rig)
             continue;
         }
         let pose = estimator.estimate(some[0].t_ns, &some, None)?;
-        squares += pose.residual_px.powi(2) * 2.0 * some.len() as f64;
+        squares += pose.residual_px.unwrap_or(0.0).powi(2) * 2.0 * some.len() as f64;
         n += 2.0 * some.len() as f64 - 6.0;
     }
     Ok(f64::sqrt(squares / n))

@@ -202,8 +202,9 @@ mod tests {
         let estimator = PoseEstimator::new(&rig, &body);
         estimate_all(&estimator, &mut tracked, |pose| pose);
         let claimed_px2 = spoilt[0].covariance_px2.trace();
-        let residual_px =
-            |t: &Tracked| t.poses.iter().map(|p| p.estimate.as_ref().unwrap().residual_px).sum::<f64>();
+        let residual_px = |t: &Tracked| {
+            t.poses.iter().map(|p| p.estimate.as_ref().unwrap().residual_px.unwrap()).sum::<f64>()
+        };
         let before_px = residual_px(&tracked);
         poses_anew(estimator, &mut tracked).unwrap();
         for seen in tracked.observations.iter() {

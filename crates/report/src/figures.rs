@@ -194,7 +194,7 @@ pub(crate) fn quality(results: &RunResults) -> Result<Vec<Figure>, ReportError> 
     Ok(vec![figure(
         "Each frame: reprojection residual, and the predicted errors of position (3-D) and attitude (an axis).",
         vec![
-            panel("residual, px", &|e| e.residual_px),
+            panel("residual, px", &|e| e.residual_px.unwrap_or(f64::NAN)),
             panel("position, mm", &|e| 1e3 * trace(e, 0).sqrt()),
             panel("attitude, °", &|e| (trace(e, 3) / 3.0).sqrt().to_degrees()),
         ],

@@ -89,7 +89,7 @@ mod tests {
                 PoseEstimate::new(world_from_body, &(Matrix6::identity() * 1e-8)).by_markers(
                     (0..3).collect(),
                     Default::default(),
-                    0.1,
+                    Some(0.1),
                 )
             }),
         };

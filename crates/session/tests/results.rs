@@ -56,7 +56,7 @@ fn pose_sample(t_ns: i64) -> PoseSample {
     let place = world_from_body(Vector3::new(0.1, -0.2, 1.5), attitude);
     let estimate = PoseEstimate::new(place, &covariance)
         .with_systematic(&systematic.map(|v: f64| v as f32))
-        .by_markers([0, 2].into_iter().collect(), Default::default(), 0.125);
+        .by_markers([0, 2].into_iter().collect(), Default::default(), Some(0.125));
     PoseSample { t_ns, estimate: Ok(estimate) }
 }
 

@@ -95,7 +95,7 @@ fn by_both(film: &Film) -> f64 {
         return 0.0;
     }
     let poses = &film.tracked.poses;
-    let fits = |e: &PoseEstimate| e.residual_px.is_finite() && e.residual_px < 1.0;
+    let fits = |e: &PoseEstimate| e.residual_px.is_some_and(|px| px < 1.0);
     let fitting = poses.iter().filter(|p| p.estimate.as_ref().is_ok_and(fits)).count();
     fitting as f64 / poses.len().max(1) as f64
 }

@@ -15,7 +15,7 @@ use mavsight_geometry::{Isometry3, UnitQuaternion, Vector3};
 
 /// How long a part of the flight before a prediction its start is filtered from: a few time constants of
 /// what the poses show.
-const FILTERED_S: f64 = 2.0;
+pub(super) const FILTERED_S: f64 = 2.0;
 /// Poses that a state is filtered from, at least.
 const FEWEST: usize = 10;
 const SAME_TIME_S: f64 = 1e-6;

@@ -2,14 +2,14 @@
 
 use super::condense::{Bound, Linear};
 use crate::IdentifyError;
-use crate::robust_covariance::bartlett_sum;
+use crate::robust_covariance::{bartlett_sum, widening};
 use nalgebra::DMatrix;
 use std::ops::Range;
 
 pub(crate) struct Covariance {
     /// Of the parameters, for white rows.
     pub(crate) bound: DMatrix<f64>,
-    /// Of the parameters, for rows of the colour that was found.
+    /// Of the parameters, for rows of the colour that was found, widened where that lasts for no small part of the record.
     pub(crate) coloured: DMatrix<f64>,
     /// Of the parameters, for rows that are at times larger than at others; none where chance explains how
     /// they differ.
@@ -105,6 +105,8 @@ impl Instants {
     ///
     /// R by lag is that of the residuals, tapered flat to half of `lag` and to zero at it (Politis & Romano
     /// 1995).
+    ///
+    /// The sum is widened as one of Bartlett weights over that lag is ([`widening`]).
     fn colour(&self, lag: usize) -> DMatrix<f64> {
         let p = self.influence.first().map_or(0, DMatrix::nrows);
         let mut out = DMatrix::zeros(p, p);
@@ -124,7 +126,7 @@ impl Instants {
                 out += sum.transpose();
             }
         }
-        out
+        out * widening(lag, instants).powi(2)
     }
 
     /// Whether the squares of the instants differ by more than chance, were all rows normal with one
@@ -149,7 +151,7 @@ impl Instants {
         let effects = self.influence.iter().zip(self.residuals.row_iter());
         let scores: Vec<_> = effects.map(|(influence, r)| r * influence.transpose()).collect();
         let lag = lag.max((4.0 * (scores.len() as f64 / 100.0).powf(2.0 / 9.0)) as usize);
-        bartlett_sum(&DMatrix::from_rows(&scores), lag)
+        bartlett_sum(&DMatrix::from_rows(&scores), lag) * widening(lag, scores.len()).powi(2)
     }
 }
 

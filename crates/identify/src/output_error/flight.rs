@@ -1,6 +1,7 @@
 //! Output error on all that was recorded of a flight.
 
 use super::adequacy::Adequacy;
+use super::ahead::FILTERED_S;
 use super::measure::{Measurements, StateMeasurement};
 use super::model::FlightModel;
 use super::prediction::predict_poses;
@@ -153,6 +154,9 @@ impl FlightFits {
         let images =
             images.map(|i| Images { observations: within(i.observations, stretch_s, |o| o.t_ns), ..i });
         let out: Vec<PoseSample> = poses.iter().filter(|p| options.holds_out(p.t_ns)).cloned().collect();
+        let before = options
+            .held_out_s
+            .map_or(&[][..], |(from_s, _)| within(poses, Some((from_s - FILTERED_S, from_s)), |p| p.t_ns));
         let fitted = poses.iter().filter(|p| p.estimate.is_ok() && !options.holds_out(p.t_ns));
         let sensed = |measured: Measurements| match &sensors {
             Some(sensors) => measured.with_sensors(&vehicle.model, sensors),
@@ -187,7 +191,7 @@ impl FlightFits {
             };
             (poses, joined(filter), joined(image), joined(asked_for))
         });
-        let held_out = HeldOut { model: &model, inputs, poses: out };
+        let held_out = HeldOut { model: &model, inputs, before, poses: out };
         let mut kept = |what: &str, fit: Result<OutputErrorFit, IdentifyError>| {
             let mut fit = fit.map_err(|why| refusals.push(format!("No {what}: {why}"))).ok()?;
             if options.held_out_s.is_some() {
@@ -254,6 +258,8 @@ fn joined<T>(thread: Option<ScopedJoinHandle<'_, T>>) -> Option<T> {
 struct HeldOut<'a> {
     model: &'a FlightModel,
     inputs: &'a InputSeries,
+    /// Poses before it, from which the first state to predict from is filtered.
+    before: &'a [PoseSample],
     poses: Vec<PoseSample>,
 }
 
@@ -263,7 +269,9 @@ impl HeldOut<'_> {
         let mut refusals = Vec::new();
         let whole = predict_poses(self.model, fit, self.inputs, &self.poses);
         fit.held_out = whole.map_err(|why| refusals.push(why)).ok();
-        let states = StateMeasurement::of_poses(self.poses.iter());
+        let fitted =
+            self.before.iter().filter(|p| self.poses.first().is_none_or(|first| p.t_ns < first.t_ns));
+        let states = StateMeasurement::of_poses(fitted.chain(&self.poses));
         let ahead = predict_ahead(self.model, fit, self.inputs, &states, AHEAD_S);
         fit.ahead = ahead.map_err(|why| refusals.push(why)).ok().flatten();
         refusals

@@ -58,7 +58,7 @@ pub(crate) fn fix(sequence: u64, captured_ns: i64) -> Fix {
                 covariance: covariance() * 4.0,
             }),
             markers: 3,
-            residual_px: 0.1,
+            residual_px: Some(0.1),
         }),
         resets: u8::try_from(captured_ns.div_euclid(CYCLE_NS).rem_euclid(256)).unwrap_or(0),
     }
@@ -86,7 +86,7 @@ pub(crate) fn event(fix: &Fix) -> Event {
         velocity_std_m_s: None,
         rates_rad_s: moving.map(|m| m.rates_rad_s.into()),
         rates_std_rad_s: None,
-        residual_px: pose.map(|m| m.residual_px),
+        residual_px: pose.and_then(|m| m.residual_px),
         latency_ms: 2.0,
         reason: pose.is_none().then(|| "hidden".into()),
     }))

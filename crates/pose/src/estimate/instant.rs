@@ -50,7 +50,7 @@ impl PoseEstimator {
         let own = of_markers(views, used);
         let fit = self.bounded_from(&own, fit?);
         self.refuse_misfit(&fit, used)?;
-        let residual_px = fit.residual_px();
+        let residual_px = (fit.redundancy() > 0).then(|| fit.residual_px());
         let inverse = fit.normal.cholesky().map(|c| c.inverse());
         let inverse = inverse.ok_or_else(|| fit.not_converged(MAX_STEPS))?;
         let (effects, left_over) = self.systematic(&own, &fit, &inverse);
@@ -91,7 +91,7 @@ impl PoseEstimator {
             return Err(undetermined());
         }
         let estimate = PoseEstimate::new(*world_from_body, &new);
-        Ok(estimate.with_rounded(&effects).by_markers(used, MarkerSet::default(), 0.0))
+        Ok(estimate.with_rounded(&effects).by_markers(used, MarkerSet::default(), None))
     }
 
     /// The marker that disagrees most with the body of the others, if one does, and the pose without it.

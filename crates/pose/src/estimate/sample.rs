@@ -55,8 +55,9 @@ impl FromIterator<usize> for MarkerSet {
 pub struct PoseEstimate {
     /// The pose.
     pub world_from_body: Isometry3<f64>,
-    /// Root mean square residual over the coordinates used.
-    pub residual_px: f64,
+    /// Root mean square residual over the coordinates used. None where nothing is left over that could disagree, as of three
+    /// markers in one camera, or where the pose is not from images.
+    pub residual_px: Option<f64>,
     /// Markers that entered.
     pub markers_used: MarkerSet,
     /// Markers that were seen but disagree with the rigid body.
@@ -112,9 +113,9 @@ impl PoseEstimate {
         if is_condensed { more.condensed() } else { more }
     }
 
-    /// States which markers entered, which were left out, and the residual that they leave.
+    /// States which markers entered, which were left out, and the residual that they leave, if any can be.
     #[must_use]
-    pub fn by_markers(self, markers_used: MarkerSet, left_out: MarkerSet, residual_px: f64) -> Self {
+    pub fn by_markers(self, markers_used: MarkerSet, left_out: MarkerSet, residual_px: Option<f64>) -> Self {
         Self { markers_used, left_out, residual_px, ..self }
     }
 

@@ -59,8 +59,17 @@ fn exact_observations_give_the_pose_back_also_from_three_markers() {
         let got = estimator.estimate(0, &views, None).unwrap();
         assert!(error(&got.world_from_body, &truth()).norm() < 1e-8);
         assert_eq!(got.markers_used.len(), if hidden < 4 { 3 } else { 4 });
-        assert!(got.left_out.is_empty() && got.residual_px < 1e-7);
+        assert!(got.left_out.is_empty() && got.residual_px.unwrap() < 1e-7);
     }
+}
+
+#[test]
+fn a_pose_without_redundancy_has_no_residual() {
+    let estimator = PoseEstimator::new(&rig(), &body());
+    let mut views = seen(&truth(), 0.2, &mut Random::new(2, 0));
+    views.retain(|o| o.marker != 0 && o.camera == 0);
+    assert_eq!(views.len(), 3);
+    assert_eq!(estimator.estimate(0, &views, Some(&truth())).unwrap().residual_px, None);
 }
 
 #[test]
@@ -73,7 +82,7 @@ fn the_covariance_is_true() {
         let e = error(&got.world_from_body, &truth());
         nees += e.dot(&got.covariance().cholesky().unwrap().solve(&e));
         dropped += got.left_out.len();
-        inflation += (got.residual_px / 0.2).powi(2);
+        inflation += (got.residual_px.unwrap() / 0.2).powi(2);
     }
     let trials = f64::from(trials);
     // The factor has a variance of 2·10/20² about one, which raises the mean of 6 to 6.3.

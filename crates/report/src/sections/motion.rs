@@ -29,17 +29,32 @@ pub(super) fn add_poses(summary: &mut Summary, results: &RunResults) {
         section.number("position_std_mm", "predicted position error (3-D)", 1e3 * position, "mm");
         section.number("attitude_std_deg", "predicted attitude error (an axis)", attitude.to_degrees(), "°");
     }
-    // Poses of another system have no images.
-    if measured.iter().any(|e| !e.markers_used.is_empty()) {
-        let residual = (mean(&|e| e.residual_px * e.residual_px)).sqrt();
-        section.number("residual_rms_px", "reprojection residual, RMS", residual, "px");
-    }
+    add_residuals(summary, &measured);
     let refused = |p: &PoseSample| p.estimate.as_ref().err().map(|reason| (p.t_ns, reason.to_string()));
     if let Some((t_ns, reason)) = results.poses.iter().find_map(refused) {
         summary.notes.push(format!(
             "{} frame(s) could not be measured; the first at {:.3} s: {reason}",
             all - n,
             t_ns as f64 * 1e-9
+        ));
+    }
+}
+
+/// How well the markers of each pose fit together, where they can disagree.
+fn add_residuals(summary: &mut Summary, measured: &[&PoseEstimate]) {
+    // Poses of another system have no images.
+    let squares_px2: Vec<f64> = measured.iter().filter_map(|e| Some(e.residual_px?.powi(2))).collect();
+    if !squares_px2.is_empty() {
+        let residual_px = (squares_px2.iter().sum::<f64>() / squares_px2.len() as f64).sqrt();
+        let mut section = summary.section("poses");
+        section.number("residual_rms_px", "reprojection residual, RMS", residual_px, "px");
+    }
+    let is_unchecked = |e: &&PoseEstimate| e.residual_px.is_none() && !e.markers_used.is_empty();
+    let unchecked = measured.iter().copied().filter(is_unchecked).count();
+    if unchecked > 0 {
+        summary.notes.push(format!(
+            "{unchecked} pose(s) have no redundancy, as three markers in one camera determine a pose and no more: they have no \
+             residual, and only the motion before and after checks them."
         ));
     }
 }

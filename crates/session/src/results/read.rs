@@ -74,7 +74,7 @@ pub fn read_poses(path: &Path, marker_names: &[String]) -> Result<Vec<PoseSample
         let used = markers.map(|c| row.text(c)).unwrap_or("");
         let is_used = |m: &usize| used.split_whitespace().any(|name| name == marker_names[*m]);
         let by: MarkerSet = (0..marker_names.len()).filter(is_used).collect();
-        let residual_px = residual.map_or(Ok(None), |c| row.number_if_any(c))?.unwrap_or(0.0);
+        let residual_px = residual.map_or(Ok(None), |c| row.number_if_any(c))?;
         Ok(PoseSample { t_ns, estimate: Ok(estimate.by_markers(by, MarkerSet::default(), residual_px)) })
     };
     series.rows(&table)?.into_iter().map(read).collect()

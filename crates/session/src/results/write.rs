@@ -233,7 +233,7 @@ fn poses(results: &RunResults, out: &mut dyn Write) -> io::Result<()> {
             let turn = covariance.fixed_view::<3, 3>(3, 3).into_owned();
             cells.extend(euler_std(&e.world_from_body, &turn).iter().map(|s| number(*s)));
             let used: Vec<String> = e.markers_used.iter().map(|m| name_of(marker_names, m)).collect();
-            cells.extend([used.join(" "), number(e.residual_px)]);
+            cells.extend([used.join(" "), e.residual_px.map_or_else(String::new, number)]);
             let own = e.own_covariance();
             cells.extend(columns::upper_triangle().map(|at| number(own[at])));
         }
