@@ -162,7 +162,7 @@ pub enum IdentifyError {
     },
     /// A measurement that cannot be weighed.
     #[error(
-        "the {what} at {t_s:.3} s is not usable: it needs finite numbers, a positive definite covariance, and a known camera and marker"
+        "the {what} at {t_s:.3} s is not usable: it needs a time after the one before, finite numbers, a positive definite covariance, and a known camera and marker"
     )]
     BadMeasurement {
         /// Time.

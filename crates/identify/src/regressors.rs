@@ -84,7 +84,7 @@ impl Options {
 /// time, are not fitted.
 ///
 /// # Errors
-/// Inputs that do not cover the flight or lack a column; equations that are no regression
+/// Times of the motion that do not increase; inputs that do not cover the flight or lack a column; equations that are no regression
 /// ([`mavsight_model::regression`]), or none; a signal that is not finite, a scale that is not above zero; a
 /// bandwidth that is not positive, an empty motion, or states that rates drive where the motion has a gap in
 /// time, over which rates cannot be integrated.
@@ -107,6 +107,9 @@ pub(crate) fn coefficients_of(
     equations: &Equations,
     options: &Options,
 ) -> Result<CoefficientTable, IdentifyError> {
+    if let Some(pair) = motion.samples.windows(2).find(|pair| pair[1].t_ns <= pair[0].t_ns) {
+        return Err(IdentifyError::BadMeasurement { t_s: pair[1].t_ns as f64 * 1e-9, what: "motion" });
+    }
     let flight = Flight::new(motion, inputs, vehicle, equations)?;
     let (Some(first_s), Some(last_s)) = (flight.t_s.first().copied(), flight.t_s.last().copied()) else {
         return Err(IdentifyError::TooFewInstants { found: 0, parameters: 1 });

@@ -14,6 +14,8 @@ mod open;
 mod options;
 mod outlet;
 mod peers;
+#[doc(hidden)]
+pub mod received;
 pub mod rerun;
 #[cfg(test)]
 mod testing;

@@ -15,7 +15,7 @@
 //! Layouts: MAVLink's `common.xml` and `minimal.xml`; checksums and framing by `mavlink-core`, as the
 //! generated dialects take half a minute to compile for three messages.
 
-mod messages;
+pub(crate) mod messages;
 mod pace;
 
 use crate::axes::{level_pose, sound, sound_motion, upper_triangle};
@@ -158,14 +158,22 @@ impl Keeper {
     }
 
     fn answer(&self, length: usize, from: SocketAddr) {
-        let mut reader = MavlinkReader::new(&self.inbox[..length]);
-        while let Ok((header, message)) = reader.read_message_with_dialect(&Messages, MavlinkVersion::V2) {
-            let Some(request) = Timesync::read(&message).filter(|r| r.responding_ns == 0) else { continue };
-            let target = [u8::try_from(header.system_id).unwrap_or(0), header.component_id];
-            let answer = Timesync { responding_ns: now_ns(), target, ..request };
+        for request in requests(&self.inbox[..length]) {
+            let answer = Timesync { responding_ns: now_ns(), ..request };
             let _ = self.radio.send(&answer.message(), from);
         }
     }
+}
+
+/// Requests for the time in a packet, each with who asks as the target.
+pub(crate) fn requests(packet: &[u8]) -> Vec<Timesync> {
+    let (mut reader, mut all) = (MavlinkReader::new(packet), Vec::new());
+    while let Ok((header, message)) = reader.read_message_with_dialect(&Messages, MavlinkVersion::V2) {
+        let target = [u8::try_from(header.system_id).unwrap_or(0), header.component_id];
+        let request = Timesync::read(&message).filter(|r| r.responding_ns == 0);
+        all.extend(request.map(|request| Timesync { target, ..request }));
+    }
+    all
 }
 
 #[cfg(test)]

@@ -12,7 +12,7 @@
 //!
 //! Layout: the direct depacketization of NatNet 3.1, as libmotioncapture and `natnet` read it.
 
-mod packets;
+pub(crate) mod packets;
 
 use crate::axes::sound;
 use crate::options::address;

@@ -11,7 +11,7 @@
 //!
 //! Layout: VRPN 07.38's `vrpn_Connection.C` and `vrpn_Tracker.C`.
 
-mod messages;
+pub(crate) mod messages;
 
 use crate::axes::{sound, sound_motion};
 use crate::options::address;

@@ -5,36 +5,9 @@ mod common;
 use common::dataflash::Dataflash;
 use common::ulog::Ulog;
 use mavsight_log::{Log, LogError};
-use mavsight_random::Random;
 
 fn read(bytes: &[u8]) -> Result<Log, LogError> {
     Log::read(&mut &bytes[..], &|_, _, _| true)
-}
-
-#[test]
-fn mutated_logs_end_with_a_log_or_an_error() {
-    for (name, log) in common::small_logs() {
-        let mut random = Random::new(7, 0);
-        let (mut read_in_part, mut refused) = (0, 0);
-        for _ in 0..3000 {
-            match read(&common::mutated(&log, &mut random)) {
-                Ok(log) => {
-                    let columns =
-                        log.topics.iter().filter_map(|t| log.stream(&t.name, Some(t.instance)).ok());
-                    for stream in columns {
-                        assert!(stream.times_ns.is_sorted_by(|a, b| a < b), "{name}: {}", stream.name);
-                        assert!(stream.columns.iter().all(|c| c.values().count() == stream.times_ns.len()));
-                    }
-                    read_in_part += 1;
-                }
-                Err(error) => {
-                    assert!(!error.to_string().is_empty());
-                    refused += 1;
-                }
-            }
-        }
-        assert!(read_in_part > 300 && refused > 20, "{name}: {read_in_part} read, {refused} refused");
-    }
 }
 
 #[test]

@@ -215,6 +215,9 @@ impl Bundle<'_> {
         let Minimum { covariance, reduced, before } = found;
         let factor = covariance.clone().cholesky().ok_or(not_converged(reduced))?.unpack();
         let mut uncertainty = &self.directions * factor;
+        if !uncertainty.iter().all(|x| x.is_finite()) {
+            return Err(not_converged(reduced));
+        }
         // Of the markers the shape: a flight does not determine a common shift or turn.
         let (first, rows) = (self.shared.first_point(), 3 * self.nominal.len());
         let shape = DMatrix::identity(rows, rows) - self.rigid_motions();

@@ -6,6 +6,7 @@ mod ffmpeg;
 mod images;
 mod live;
 mod mp4;
+mod mp4_guard;
 mod mp4_times;
 mod planes;
 mod write;
@@ -72,6 +73,14 @@ impl FrameSource {
     /// # Errors
     /// A file that is missing, damaged, empty, or needs an ffmpeg that is not there.
     pub fn open(path: &Path, frame_rate_hz: Option<f64>) -> Result<Self, SessionError> {
+        Self::open_or(path, frame_rate_hz, &ffmpeg::program())
+    }
+
+    /// [`Self::open`] with the given program in place of ffmpeg.
+    ///
+    /// # Errors
+    /// Those of [`Self::open`].
+    pub fn open_or(path: &Path, frame_rate_hz: Option<f64>, program: &str) -> Result<Self, SessionError> {
         if images::is_pattern(path) {
             return Ok(Self::around(path, images::open(path, frame_rate_hz)?));
         }
@@ -86,7 +95,7 @@ impl FrameSource {
             "" => "it has no extension that names its format".to_owned(),
             other => format!("only MP4 with H.264 is decoded without it, not .{other}"),
         };
-        Ok(Self::around(path, ffmpeg::open(path, &ffmpeg::program(), &reason)?))
+        Ok(Self::around(path, ffmpeg::open(path, program, &reason)?))
     }
 
     /// Opens a video through the given ffmpeg program, whatever its format.

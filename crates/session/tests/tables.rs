@@ -13,7 +13,7 @@ use mavsight_session::{
     ControlSection, Session, SessionCamera, SessionFile, load_equations, load_vehicle, write_control_points,
     write_inputs, write_toml, write_vehicle,
 };
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 const POINTS: &str = "name,x_m,y_m,z_m,diameter_m,color\na,0,0,0,0.06,#c83030\nb,1,0,0,0.06,#2c9030\n";
 
@@ -353,4 +353,18 @@ fn a_model_file_is_named_when_it_is_wrong() {
     assert!(error.contains("model.toml") && error.contains("schema is 3"), "{error}");
     let error = load_equations(&folder.path("none.toml")).unwrap_err().to_string();
     assert!(error.contains("none.toml"), "{error}");
+}
+
+/// In one a column has a negative length, in the other a page needs a dictionary that is not there.
+#[cfg(feature = "parquet")]
+#[test]
+fn parquet_files_whose_parts_contradict_each_other_are_refused() {
+    for name in ["negative-length.parquet", "no-dictionary.parquet"] {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures").join(name);
+        let said = read_control_points(&path).unwrap_err().to_string();
+        assert!(
+            said.contains(name) && said.contains("contradict") && said.contains("convert it to CSV"),
+            "{said}"
+        );
+    }
 }

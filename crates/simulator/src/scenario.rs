@@ -7,6 +7,9 @@ use mavsight_model::Input;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
+/// Most samples of a flight: eleven hours at 100 Hz, and a tenth of a gigabyte of inputs.
+const MOST_SAMPLES: f64 = 4e6;
+
 /// A flight to be simulated: the content of a scenario file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -95,8 +98,8 @@ impl Scenario {
                 "position_m, heading_deg, pitch_deg, roll_deg, velocity_m_s and rates_deg_s must be finite";
             return Err(SimulatorError::Scenario(what));
         }
-        if self.duration_s * self.input_rate_hz.max(self.frame_rate_hz) > 1e7 {
-            return Err(SimulatorError::Scenario("more than ten million samples: shorten the flight"));
+        if self.duration_s * self.input_rate_hz.max(self.frame_rate_hz) > MOST_SAMPLES {
+            return Err(SimulatorError::Scenario("more than four million samples: shorten the flight"));
         }
         self.staging.check()?;
         self.maneuver.iter().try_for_each(Maneuver::check)

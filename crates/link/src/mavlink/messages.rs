@@ -13,7 +13,7 @@ const TIMESYNC: u32 = 111;
 const ODOMETRY: u32 = 331;
 
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Message {
+pub(crate) struct Message {
     id: u32,
     pub(super) payload: Vec<u8>,
 }
@@ -38,7 +38,7 @@ pub(super) fn odometry(
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Timesync {
+pub(crate) struct Timesync {
     /// tc1: 0 in a request.
     pub(super) responding_ns: i64,
     /// ts1.
@@ -48,7 +48,7 @@ pub(super) struct Timesync {
 }
 
 impl Timesync {
-    pub(super) fn message(&self) -> Message {
+    pub(crate) fn message(&self) -> Message {
         let mut payload = [self.responding_ns.to_le_bytes(), self.asking_ns.to_le_bytes()].concat();
         payload.extend(self.target);
         Message { id: TIMESYNC, payload }

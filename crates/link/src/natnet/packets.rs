@@ -20,7 +20,7 @@ const TICKS_A_SECOND: u64 = 1_000_000_000;
 const BODY_NUMBER: i32 = 1;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Request {
+pub(crate) enum Request {
     Connect,
     Model,
     Alive,
@@ -31,7 +31,7 @@ pub(super) enum Request {
 }
 
 /// The request in a packet, if it is a client's. The length that it says may be wrong (libmotioncapture).
-pub(super) fn request(packet: &[u8]) -> Option<Request> {
+pub(crate) fn request(packet: &[u8]) -> Option<Request> {
     let (head, rest) = packet.split_at_checked(4)?;
     match u16::from_le_bytes([head[0], head[1]]) {
         CONNECT => Some(Request::Connect),

@@ -82,7 +82,7 @@ pub(super) fn velocity(at_ns: i64, velocity_m_s: &Vector3<f64>, turning_rad_s: &
 }
 
 /// The port in a client's call, "host port".
-pub(super) fn called_port(call: &[u8]) -> Option<u16> {
+pub(crate) fn called_port(call: &[u8]) -> Option<u16> {
     let text = std::str::from_utf8(call.split(|b| *b == 0).next()?).ok()?;
     let mut words = text.split_whitespace();
     words.next()?;
@@ -91,7 +91,7 @@ pub(super) fn called_port(call: &[u8]) -> Option<u16> {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Ask {
+pub(crate) enum Ask {
     /// By its cookie: what numbers this side gives.
     Greeting,
     /// Whether this side is there.
@@ -100,7 +100,7 @@ pub(super) enum Ask {
 
 /// What a client has sent and has not been read.
 #[derive(Default)]
-pub(super) struct Inbox {
+pub(crate) struct Inbox {
     bytes: Vec<u8>,
     /// The client's own number for pings.
     ping: Option<i32>,
@@ -110,7 +110,7 @@ pub(super) struct Inbox {
 
 impl Inbox {
     /// Takes bytes in; what they ask for, or none where no client says such.
-    pub(super) fn take(&mut self, bytes: &[u8]) -> Option<Vec<Ask>> {
+    pub(crate) fn take(&mut self, bytes: &[u8]) -> Option<Vec<Ask>> {
         self.bytes.extend_from_slice(bytes);
         let mut asks = Vec::new();
         if !self.is_welcome {

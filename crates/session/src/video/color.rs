@@ -17,6 +17,10 @@ impl YuvCoding {
     /// From a sequence parameter set (ITU-T H.264, 7.3.2.1.1 and E.1.1), its NAL header byte included; the
     /// default where it does not say or cannot be read.
     pub(crate) fn from_sps(nal: &[u8]) -> Self {
+        // The library asserts that there is a header.
+        if nal.is_empty() {
+            return Self::default();
+        }
         let parameters = SeqParameterSet::from_bits(RefNal::new(nal, &[], true).rbsp_bits()).ok();
         let signal = parameters.and_then(|p| p.vui_parameters?.video_signal_type);
         signal.map_or_else(Self::default, |signal| {
@@ -26,5 +30,15 @@ impl YuvCoding {
             let matrix = if is_bt709 { YuvMatrix::Bt709 } else { YuvMatrix::Bt601 };
             Self { full_range: signal.video_full_range_flag, matrix }
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_empty_parameter_set_says_nothing() {
+        assert_eq!(YuvCoding::from_sps(&[]), YuvCoding::default());
     }
 }

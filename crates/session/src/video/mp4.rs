@@ -2,6 +2,7 @@
 
 use super::Opened;
 use super::color::YuvCoding;
+use super::mp4_guard::{Forward, overclaim};
 use super::mp4_times::{Sample, samples};
 use crate::SessionError;
 use mavsight_geometry::ImageSize;
@@ -38,10 +39,15 @@ pub(crate) fn open(path: &Path) -> Result<Opened, Failure> {
     let file = File::open(path).map_err(|e| SessionError::io(path, "open it", e))?;
     let length = file.metadata().map_err(|e| SessionError::io(path, "measure it", e))?.len();
     let mut reader = BufReader::new(file);
+    let unread = |e| SessionError::io(path, "read it", e);
+    let announced = announced_length(&mut reader, length).map_err(unread)?;
+    if let Some(detail) = overclaim(&mut reader, (0, length), length).map_err(unread)? {
+        return Err(damaged(&detail).into());
+    }
+    reader.rewind().map_err(unread)?;
+    let mut forward = Forward::new(&mut reader).map_err(unread)?;
     // The parser indexes tables unchecked: a panic is a damaged file.
-    let announced =
-        announced_length(&mut reader, length).map_err(|e| SessionError::io(path, "read it", e))?;
-    let mp4 = catch_unwind(AssertUnwindSafe(|| Mp4::read(&mut reader, announced)))
+    let mp4 = catch_unwind(AssertUnwindSafe(|| Mp4::read(&mut forward, announced)))
         .map_err(|_| damaged("its tables contradict each other"))?
         .map_err(|e| damaged(&e.to_string()))?;
     let Some(track) = mp4.tracks().values().find(|t| t.kind == Some(TrackKind::Video)) else {
@@ -85,9 +91,9 @@ pub(crate) fn open(path: &Path) -> Result<Opened, Failure> {
 /// Length of the file before the media data at its end were cut off: where that box says that it ends, or the
 /// file's own length. The reader is left at its start.
 fn announced_length(reader: &mut BufReader<File>, length: u64) -> std::io::Result<u64> {
-    let (mut at, mut announced) = (0, length);
+    let (mut at, mut announced) = (0_u64, length);
     let mut header = [0u8; 16];
-    while at + 16 <= length {
+    while at.saturating_add(16) <= length {
         reader.seek(SeekFrom::Start(at))?;
         reader.read_exact(&mut header)?;
         let [a, b, c, d, kind @ ..] = &header[..8] else { break };

@@ -46,12 +46,13 @@ impl Header {
                 }
                 continue;
             }
-            let (key, value) = word.split_at(word.len().min(1));
+            let mut letters = word.chars();
+            let (key, value) = (letters.next(), letters.as_str());
             match key {
-                "W" => size.width_px = value.parse().unwrap_or(0),
-                "H" => size.height_px = value.parse().unwrap_or(0),
-                "C" => format = value,
-                "F" => {
+                Some('W') => size.width_px = value.parse().unwrap_or(0),
+                Some('H') => size.height_px = value.parse().unwrap_or(0),
+                Some('C') => format = value,
+                Some('F') => {
                     let rate = value.split_once(':').and_then(|(a, b)| {
                         let (a, b) = (a.parse::<f64>().ok()?, b.parse::<f64>().ok()?);
                         (a > 0.0 && b > 0.0).then_some(a / b)
@@ -313,7 +314,14 @@ mod tests {
         std::fs::write(&path, &bytes).unwrap();
         let stamps: Vec<i64> = FrameSource::open(&path, None).unwrap().map(|f| f.unwrap().0).collect();
         assert_eq!(stamps, [0, 33_366_667, 66_733_333]);
-        for wrong in ["YUV4MPEG2 W0 H2\n", "YUV4MPEG2 W4 H2 C444\n", "RIFF\n", "YUV4MPEG2 W99999 H2\n"] {
+        // The word beside the size begins with a letter of two bytes.
+        for wrong in [
+            "YUV4MPEG2 W4 H2 é C444\n",
+            "YUV4MPEG2 W0 H2\n",
+            "YUV4MPEG2 W4 H2 C444\n",
+            "RIFF\n",
+            "YUV4MPEG2 W99999 H2\n",
+        ] {
             std::fs::write(&path, wrong).unwrap();
             assert!(FrameSource::open(&path, None).is_err(), "{wrong}");
         }

@@ -1,0 +1,19 @@
+//! One target of `mavsight_hostile::TARGETS`, by its name in `MAVSIGHT_TARGET`.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use mavsight_hostile::{TARGETS, Target};
+use std::sync::LazyLock;
+
+static TARGET: LazyLock<&Target> = LazyLock::new(|| {
+    let name = std::env::var("MAVSIGHT_TARGET").unwrap_or_default();
+    TARGETS.iter().find(|target| target.name == name).expect("MAVSIGHT_TARGET is the name of a target")
+});
+
+fuzz_target!(|bytes: &[u8]| {
+    let mut bytes = bytes.to_vec();
+    if let Some(repair) = TARGET.repair {
+        repair(&mut bytes);
+    }
+    drop((TARGET.run)(&bytes));
+});
