@@ -48,13 +48,15 @@ pub enum Event {
         /// Whether all have been seen as exactly as was asked for.
         enough: bool,
     },
-    /// Whether a recording is being written, and how far it is.
+    /// Whether a recording is being written, and how much of it is on the disk itself, so that neither a kill
+    /// nor a power cut takes it.
     Recording {
         /// Where; none where none is being written.
         folder: Option<String>,
-        /// Seconds in it.
+        /// From the first instant of which a pose, or that there was none, was sent, to the last that is whole:
+        /// frames, detections, inputs and what was sent.
         seconds: f64,
-        /// Bytes in it.
+        /// Bytes of frames, detections, inputs and events.
         bytes: u64,
         /// What went wrong, such as a full disk.
         fault: Option<String>,

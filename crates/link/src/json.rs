@@ -6,7 +6,7 @@
 //! event is a datagram, and the scene comes again every five seconds for who listens later.
 
 use crate::options::address;
-use crate::peers::{MOST, Peer};
+use crate::peers::{MOST, Peer, knocking};
 use crate::udp;
 use crate::{Event, JsonOptions, LinkError, Outlet};
 use std::net::{SocketAddr, TcpListener, UdpSocket};
@@ -39,7 +39,7 @@ struct Server {
 
 /// Takes in who has come, with the scene.
 fn accept(listener: &TcpListener, peers: &mut Vec<Peer>, scene: &[u8]) {
-    while let Ok((stream, _)) = listener.accept() {
+    for stream in knocking(listener) {
         if peers.len() < MOST
             && let Ok(mut peer) = Peer::new(stream)
             && (scene.is_empty() || peer.push(scene))

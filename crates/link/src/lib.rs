@@ -14,6 +14,7 @@ mod open;
 mod options;
 mod outlet;
 mod peers;
+mod priority;
 #[doc(hidden)]
 pub mod received;
 pub mod rerun;
@@ -41,5 +42,6 @@ pub use options::{
     BodyAxes, JsonOptions, LiveSection, MavlinkOptions, NatnetOptions, VrpnOptions, ZenohOptions,
 };
 pub use outlet::{Body, Outlet};
+pub use priority::give_way;
 pub use rerun::Rerun;
 pub use vrpn::{TURN_S, Vrpn};

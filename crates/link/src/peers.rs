@@ -1,12 +1,18 @@
 //! TCP connections to which more is written than a slow reader takes.
 
 use std::io::{self, Write};
-use std::net::{SocketAddr, TcpStream};
+use std::net::{SocketAddr, TcpListener, TcpStream};
 
 /// What may wait for one reader: some seconds of events. One that lags further is cut off, and may come back.
 const MOST_WAITING: usize = 1 << 18;
 
 pub(crate) const MOST: usize = 32;
+
+/// Those who have knocked at a listener that does not wait, at most so many that each place could be filled:
+/// who knocks faster than that keeps nobody busy.
+pub(crate) fn knocking(listener: &TcpListener) -> impl Iterator<Item = TcpStream> + '_ {
+    std::iter::from_fn(|| listener.accept().ok().map(|(stream, _)| stream)).take(MOST)
+}
 
 /// A connection that never makes its writer wait.
 pub(crate) struct Peer {
@@ -53,7 +59,6 @@ impl Peer {
 mod tests {
     use super::*;
     use std::io::Read;
-    use std::net::TcpListener;
     use std::time::{Duration, Instant};
 
     fn pair() -> (Peer, TcpStream) {
@@ -95,6 +100,18 @@ mod tests {
         drop(peer);
         let want: Vec<u8> = (0..total).flat_map(u32::to_le_bytes).collect();
         assert!(reader.join().expect("read") == want);
+    }
+
+    #[test]
+    fn who_knocks_all_the_time_keeps_nobody_busy() {
+        let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+        listener.set_nonblocking(true).expect("set");
+        let address = listener.local_addr().expect("its address");
+        let _knocks: Vec<_> =
+            (0..2 * MOST).map(|_| TcpStream::connect(address).expect("connected")).collect();
+        assert_eq!(knocking(&listener).count(), MOST);
+        assert!(knocking(&listener).count() <= MOST);
+        assert_eq!(knocking(&listener).count(), 0);
     }
 
     #[test]

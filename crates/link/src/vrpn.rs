@@ -16,7 +16,7 @@ pub(crate) mod messages;
 use crate::axes::{sound, sound_motion};
 use crate::options::address;
 use crate::outlet::now_ns;
-use crate::peers::{MOST, Peer};
+use crate::peers::{MOST, Peer, knocking};
 use crate::udp;
 use crate::worker::{Worker, lock};
 use crate::{Body, Fix, LinkError, Outlet, VrpnOptions};
@@ -110,9 +110,7 @@ impl Door {
         if let Some((length, from)) = udp::receive(&self.calls, &mut call) {
             self.call_back(&call[..length], from);
         }
-        while let Ok((stream, _)) = self.listener.accept() {
-            self.admit(stream);
-        }
+        knocking(&self.listener).for_each(|stream| self.admit(stream));
         lock(&self.clients).retain_mut(|client| client.listen(&self.greeting));
     }
 

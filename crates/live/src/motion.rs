@@ -66,7 +66,7 @@ impl MotionFilter {
             let (poses, gravity_m_s2) = (self.kept.clone(), self.gravity_m_s2);
             let had = poses.len();
             let find = move || {
-                crate::give_way();
+                mavsight_link::give_way();
                 filter_over(&poses, gravity_m_s2)
             };
             if let Ok(handle) = std::thread::Builder::new().name("noise".into()).spawn(find) {

@@ -1,7 +1,8 @@
 //! Threads of a flight.
 
+use crate::LiveError;
 use crate::queue::{Queue, locked};
-use crate::{LiveError, give_way};
+use mavsight_link::give_way;
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -23,11 +24,11 @@ impl<T: Send + 'static> Worker<T> {
     /// end. Work on which no pose depends `gives_way` to other threads.
     pub(crate) fn start(
         name: &str,
-        queue: Queue<T>,
+        queue: impl Into<Arc<Queue<T>>>,
         gives_way: bool,
         mut take: impl FnMut(Option<T>) + Send + 'static,
     ) -> Result<Self, LiveError> {
-        let queue = Arc::new(queue);
+        let queue = queue.into();
         let own = Arc::clone(&queue);
         let run = move || {
             if gives_way {

@@ -1,6 +1,8 @@
 //! Flying: the virtual room, its recording, and what is left of that after a kill.
 
 mod common;
+#[path = "common/survivors.rs"]
+mod survivors;
 
 use common::{Session, mavsight};
 use serde_json::Value;
@@ -80,6 +82,31 @@ fn a_recording_that_was_killed_gives_the_poses_that_were_sent() {
         .assert()
         .success();
     assert!(std::fs::read_to_string(out.join("pose.csv")).expect("poses").lines().count() + 3 >= sent.len());
+}
+
+#[test]
+fn what_was_announced_as_recorded_survives_kills() {
+    let program = Path::new(env!("CARGO_BIN_EXE_mavsight"));
+    let mut instants = 0;
+    for milliseconds in [700, 1500, 2600] {
+        let dir = tempfile::TempDir::new().expect("a folder");
+        let folder = dir.path().join("flight");
+        let flight = survivors::flight(program, &folder, None);
+        let after = Some(Duration::from_millis(milliseconds));
+        instants += survivors::survive(flight, program, &folder, after).expect("whole").instants;
+    }
+    assert!(instants >= 10, "{instants} instants were announced");
+}
+
+#[cfg(unix)]
+#[test]
+fn what_was_announced_as_recorded_is_whole_where_the_disk_ends() {
+    let program = Path::new(env!("CARGO_BIN_EXE_mavsight"));
+    let dir = tempfile::TempDir::new().expect("a folder");
+    let folder = dir.path().join("flight");
+    let flight = survivors::flight(program, &folder, Some(8192));
+    let survived = survivors::survive(flight, program, &folder, None).expect("whole");
+    assert!(survived.instants >= 5 && survived.fault.is_some(), "{survived:?}");
 }
 
 #[test]

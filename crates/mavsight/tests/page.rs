@@ -23,8 +23,9 @@ struct Flight {
     child: Child,
     /// Where recordings go.
     folder: TempDir,
-    /// Address of the page, host and port.
+    /// Address of the page: host and port, and below it the token.
     host: String,
+    token: String,
 }
 
 impl Flight {
@@ -39,18 +40,20 @@ impl Flight {
             .spawn()
             .unwrap();
         let mut lines = BufReader::new(child.stderr.take().unwrap()).lines().map_while(Result::ok);
-        let host = lines
+        let url = lines
             .find_map(|l| l.split_once("http://").map(|(_, url)| url.trim_end_matches('/').to_owned()))
             .expect("an address is printed");
+        let (host, token) = url.split_once('/').expect("it ends in a token");
+        let (host, token) = (host.to_owned(), token.to_owned());
         // What else it says is read so that it does not wait.
         std::thread::spawn(move || lines.for_each(drop));
-        Self { child, folder, host }
+        Self { child, folder, host, token }
     }
 
     fn open(&self) -> WebSocket<TcpStream> {
         let stream = TcpStream::connect(&self.host).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
-        let request = tungstenite::http::Request::get(format!("ws://{}/events", self.host))
+        let request = tungstenite::http::Request::get(format!("ws://{}/{}/events", self.host, self.token))
             .header("Host", &self.host)
             .header("Origin", format!("http://{}", self.host))
             .header("Connection", "Upgrade")
@@ -202,7 +205,7 @@ fn cameras_that_see_the_control_points_are_calibrated_from_the_page() {
 
 fn a_browser_sees_the_aircraft_move(flight: &Flight, mut browser: Chromium) {
     browser.look_like(1280, 720, "light");
-    browser.open(&format!("http://{}/", flight.host));
+    browser.open(&format!("http://{}/{}/", flight.host, flight.token));
     browser.wait_for("document.getElementById('tracking-word').textContent === 'Tracking'");
     let values = "document.body.dataset.live === 'true' ? \
         [...document.querySelectorAll('#strips output')].map(o => o.textContent).join(';') : ''";

@@ -81,6 +81,18 @@ fn the_pipeline_reaches_no_files() {
     assert_apart(&["flight", "geometry", "vision", "pose", "identify", "pipeline"], &["session", "link"]);
 }
 
+/// No request to the page's server leads to the file system: its code does not name it.
+#[test]
+fn the_page_reaches_no_files() {
+    assert_apart(&["page"], &["session"]);
+    for (path, code) in sources(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../page/src")) {
+        let found = ["fs::", "std::path", "File::", "OpenOptions", "Command::new"]
+            .into_iter()
+            .find(|w| code.contains(w));
+        assert_eq!(found, None, "{}", path.display());
+    }
+}
+
 /// Sources of a crate without those of its tests.
 fn sources(folder: &Path) -> Vec<(PathBuf, String)> {
     let mut found = Vec::new();

@@ -2,6 +2,11 @@
 
 use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, SocketAddrV6};
 
+use subtle::ConstantTimeEq;
+
+/// Hexadecimal digits of a token.
+const TOKEN_DIGITS: usize = 32;
+
 /// Whether the `Host` of a request is an IP address or `localhost`.
 ///
 /// A foreign page can make its own name resolve to this machine (DNS rebinding); its scripts then have the
@@ -23,22 +28,40 @@ pub(crate) fn is_own_origin(origin: &str, host: &str) -> bool {
 
 /// A new token: 128 random bits as hexadecimal digits.
 pub(crate) fn token() -> Result<String, getrandom::Error> {
-    let mut bytes = [0_u8; 16];
+    let mut bytes = [0_u8; TOKEN_DIGITS / 2];
     getrandom::fill(&mut bytes)?;
     Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
 }
 
-/// The part of a path below the page's own address: after `/`, or after `/TOKEN/`; none where the token is
-/// wrong.
+/// What a client may do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Right {
+    /// See the flight.
+    Look,
+    /// See it and send commands.
+    Command,
+}
+
+/// The part of a path below the page's own address, after `/TOKEN/`, and what that token permits. A path with
+/// a wrong token or none leads nowhere if the page `is_private`, and otherwise permits to look: a page that
+/// was open before the program was started again still shows the flight.
 ///
 /// The comparison takes the same time wherever the token is wrong.
-pub(crate) fn below<'a>(path: &'a str, token: Option<&str>) -> Option<&'a str> {
+pub(crate) fn below<'a>(path: &'a str, token: &str, is_private: bool) -> Option<(&'a str, Right)> {
     let path = path.strip_prefix('/')?;
-    let Some(token) = token else { return Some(path) };
-    let (given, rest) = path.split_once('/')?;
-    let differs = given.len() != token.len()
-        || given.bytes().zip(token.bytes()).fold(0, |differs, (a, b)| differs | (a ^ b)) != 0;
-    (!differs).then_some(rest)
+    let split = path.split_once('/');
+    match split {
+        Some((given, rest)) if bool::from(given.as_bytes().ct_eq(token.as_bytes())) => {
+            Some((rest, Right::Command))
+        }
+        _ if is_private => None,
+        Some((given, rest)) if is_like_a_token(given) => Some((rest, Right::Look)),
+        _ => Some((path, Right::Look)),
+    }
+}
+
+fn is_like_a_token(text: &str) -> bool {
+    text.len() == TOKEN_DIGITS && text.bytes().all(|digit| digit.is_ascii_hexdigit())
 }
 
 #[cfg(test)]
@@ -98,15 +121,20 @@ mod tests {
     #[test]
     fn tokens_differ_and_open_only_their_own_door() {
         let (one, two) = (token().unwrap(), token().unwrap());
-        assert_eq!(one.len(), 32);
+        assert_eq!(one.len(), TOKEN_DIGITS);
         assert_ne!(one, two);
-        assert_eq!(below(&format!("/{one}/events"), Some(&one)), Some("events"));
-        assert_eq!(below(&format!("/{one}/"), Some(&one)), Some(""));
-        assert_eq!(below(&format!("/{two}/events"), Some(&one)), None);
-        assert_eq!(below(&format!("/{one}"), Some(&one)), None);
-        assert_eq!(below("/events", Some(&one)), None);
-        assert_eq!(below("//", Some(&one)), None);
-        assert_eq!(below("/events", None), Some("events"));
-        assert_eq!(below("events", None), None);
+        let (own, others) = (format!("/{one}/events"), format!("/{two}/events"));
+        for is_private in [true, false] {
+            assert_eq!(below(&own, &one, is_private), Some(("events", Right::Command)));
+            assert_eq!(below(&format!("/{one}/"), &one, is_private), Some(("", Right::Command)));
+            assert_eq!(below("events", &one, is_private), None);
+        }
+        for path in [&others, &format!("/{one}"), "/events", "//", "/", &format!("//{one}/events")] {
+            assert_eq!(below(path, &one, true), None, "{path}");
+        }
+        assert_eq!(below("/events", &one, false), Some(("events", Right::Look)));
+        assert_eq!(below(&others, &one, false), Some(("events", Right::Look)));
+        assert_eq!(below(&format!("/{}/events", &one[1..]), &one, false).unwrap().1, Right::Look);
+        assert_eq!(below("/", &one, false), Some(("", Right::Look)));
     }
 }

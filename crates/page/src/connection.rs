@@ -18,7 +18,7 @@ use tokio_tungstenite::tungstenite::error::{Error, ProtocolError};
 use tokio_tungstenite::tungstenite::handshake::server::create_response_with_body;
 
 use crate::answer::{Refusal, answer, refusal_bytes, refuse};
-use crate::hub::{Hub, Mailbox};
+use crate::hub::{Hub, Seat};
 use crate::{access, assets, listener};
 
 /// Longest request line and header lines together: several times what browsers send.
@@ -28,12 +28,12 @@ const HEADER_LIMIT: usize = 64;
 
 const MALFORMED: Refusal = Refusal(StatusCode::BAD_REQUEST, "This request does not follow HTTP/1.1.");
 
-/// Serves one connection to its end: one request, which may become a WebSocket.
+/// Serves one request to its end; if it asked for a WebSocket, that goes on as a task of its own.
 pub(crate) async fn serve(mut stream: TcpStream, hub: Arc<Hub>) {
-    let (mailbox, is_answered) = (OnceLock::new(), AtomicBool::new(false));
+    let (seat, is_answered) = (OnceLock::new(), AtomicBool::new(false));
     let service = service_fn(|request: Request<Incoming>| {
         is_answered.store(true, Ordering::Relaxed);
-        ready(Ok::<_, Infallible>(respond(&request, &hub, &mailbox).unwrap_or_else(refuse)))
+        ready(Ok::<_, Infallible>(respond(&request, &hub, &seat).unwrap_or_else(refuse)))
     });
     let served = http1::Builder::new()
         .max_buf_size(HEAD_LIMIT_BYTES)
@@ -56,13 +56,9 @@ pub(crate) async fn serve(mut stream: TcpStream, hub: Arc<Hub>) {
             None
         }
     };
-    match (mailbox.into_inner(), received) {
-        (Some(mailbox), received) => {
-            if let Some(received) = received {
-                listener::serve(stream, received, &mailbox, &hub).await;
-            }
-            hub.leave(&mailbox);
-        }
+    match (seat.into_inner(), received) {
+        (Some(seat), Some(received)) => drop(tokio::spawn(listener::serve(stream, received, seat))),
+        (Some(_), None) => {}
         (None, _) => {
             // Whether it arrives is the client's matter.
             let _ = timeout(hub.limits.request_time, close(&mut stream, &farewell)).await;
@@ -70,12 +66,12 @@ pub(crate) async fn serve(mut stream: TcpStream, hub: Arc<Hub>) {
     }
 }
 
-/// The answer to a request, whose mailbox is set if it opens a WebSocket. A refusal of access says nothing
-/// about the files.
+/// The answer to a request, whose seat is set if it opens a WebSocket. A refusal of access says nothing about
+/// the files.
 fn respond(
     request: &Request<Incoming>,
-    hub: &Hub,
-    mailbox: &OnceLock<Arc<Mailbox>>,
+    hub: &Arc<Hub>,
+    seat: &OnceLock<Seat>,
 ) -> Result<Response<String>, Refusal> {
     let (headers, uri) = (request.headers(), request.uri());
     let host = single(headers, HOST)?.ok_or(MALFORMED)?;
@@ -92,7 +88,7 @@ fn respond(
     if origin.is_some_and(|origin| !access::is_own_origin(origin, host)) {
         return refused("Pages of other origins get nothing here.");
     }
-    let Some(path) = access::below(uri.path(), hub.token.as_deref()) else {
+    let Some((path, right)) = access::below(uri.path(), &hub.token, hub.is_private) else {
         return refused("The token is missing or wrong: use the address that was printed.");
     };
     if request.method() != Method::GET && request.method() != Method::HEAD {
@@ -104,8 +100,8 @@ fn respond(
     if path == "events" {
         let response = upgrade(request, origin)?;
         let full = Refusal(StatusCode::SERVICE_UNAVAILABLE, "As many pages as may are open: close one.");
-        let joined = hub.join().ok_or(full)?;
-        mailbox.get_or_init(|| joined);
+        let joined = hub.join(right).ok_or(full)?;
+        seat.get_or_init(|| joined);
         return Ok(response);
     }
     let not_found = Refusal(StatusCode::NOT_FOUND, "There is no such file.");

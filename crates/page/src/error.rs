@@ -25,7 +25,7 @@ pub enum PageError {
     Start(std::io::Error),
     /// The system gives no random numbers, of which the token is made.
     #[error(
-        "the system gives no random numbers for the page's token ({0}): serve the page on 127.0.0.1, which needs none"
+        "the system gives no random numbers for the page's token ({0}): fly without the page, or see to the system's random device"
     )]
     Token(getrandom::Error),
     /// A picture without pixels, or larger than JPEG can hold.

@@ -2,12 +2,13 @@
 
 use std::collections::HashMap;
 use std::sync::mpsc::{SyncSender, TrySendError};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 
 use mavsight_link::Event;
 use tokio::sync::{Notify, watch};
 use tokio_tungstenite::tungstenite::{Bytes, Message};
 
+use crate::access::Right;
 use crate::queue::{Kind, Queue};
 use crate::{Command, Limits};
 
@@ -16,8 +17,9 @@ pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct Mailbox {
+    pub(crate) right: Right,
     queue: Mutex<Queue>,
     filled: Notify,
 }
@@ -43,11 +45,27 @@ impl Mailbox {
     }
 }
 
+/// The place of an open page, which it leaves when this is dropped.
+#[derive(Debug)]
+pub(crate) struct Seat {
+    pub(crate) hub: Arc<Hub>,
+    pub(crate) mailbox: Arc<Mailbox>,
+}
+
+impl Drop for Seat {
+    fn drop(&mut self) {
+        lock(&self.hub.pages).mailboxes.retain(|other| !Arc::ptr_eq(other, &self.mailbox));
+    }
+}
+
 /// All open pages, the state for those that open later, and the way back to the producer.
 #[derive(Debug)]
 pub(crate) struct Hub {
     pages: Mutex<Pages>,
-    pub(crate) token: Option<String>,
+    /// What permits commands.
+    pub(crate) token: String,
+    /// Whether nothing is served without the token.
+    pub(crate) is_private: bool,
     pub(crate) limits: Limits,
     commands: SyncSender<Command>,
     /// Becomes true when the server ends.
@@ -67,12 +85,13 @@ const PREVIEW_INTERVAL_NS: u64 = 95_000_000;
 
 impl Hub {
     pub(crate) fn new(
-        token: Option<String>,
+        token: String,
+        is_private: bool,
         limits: Limits,
         commands: SyncSender<Command>,
         ended: watch::Receiver<bool>,
     ) -> Self {
-        Self { pages: Mutex::default(), token, limits, commands, ended }
+        Self { pages: Mutex::default(), token, is_private, limits, commands, ended }
     }
 
     pub(crate) async fn end(&self) {
@@ -112,9 +131,14 @@ impl Hub {
         pages.mailboxes.iter().for_each(|mailbox| mailbox.push(Kind::Preview(camera), message.clone()));
     }
 
-    /// Whether a picture is due; if so, the next is due an interval later.
+    /// Whether a picture is due; if so, the next is due an interval later. A camera never waits here: while
+    /// another thread is at the pages, none is due.
     pub(crate) fn wants_preview(&self, camera: usize, t_ns: i64) -> bool {
-        let mut pages = lock(&self.pages);
+        let mut pages = match self.pages.try_lock() {
+            Ok(pages) => pages,
+            Err(TryLockError::Poisoned(poisoned)) => poisoned.into_inner(),
+            Err(TryLockError::WouldBlock) => return false,
+        };
         let last = pages.previewed.get(&camera);
         let is_due = !pages.mailboxes.is_empty()
             && last.is_none_or(|&last| t_ns.abs_diff(last) >= PREVIEW_INTERVAL_NS);
@@ -125,18 +149,20 @@ impl Hub {
     }
 
     /// Adds a page, which gets the state first; none where there are as many as may be.
-    pub(crate) fn join(&self) -> Option<Arc<Mailbox>> {
+    pub(crate) fn join(self: &Arc<Self>, right: Right) -> Option<Seat> {
         let mut pages = lock(&self.pages);
-        if pages.mailboxes.len() >= self.limits.listeners {
+        let lookers = pages.mailboxes.iter().filter(|other| other.right == Right::Look).count();
+        let is_full = match right {
+            Right::Look => lookers >= self.limits.listeners.div_ceil(2),
+            Right::Command => false,
+        };
+        if is_full || pages.mailboxes.len() >= self.limits.listeners {
             return None;
         }
-        let mailbox = Arc::new(Mailbox { queue: Mutex::new(pages.state.clone()), filled: Notify::new() });
+        let queue = Mutex::new(pages.state.clone());
+        let mailbox = Arc::new(Mailbox { right, queue, filled: Notify::new() });
         pages.mailboxes.push(Arc::clone(&mailbox));
-        Some(mailbox)
-    }
-
-    pub(crate) fn leave(&self, mailbox: &Arc<Mailbox>) {
-        lock(&self.pages).mailboxes.retain(|other| !Arc::ptr_eq(other, mailbox));
+        Some(Seat { hub: Arc::clone(self), mailbox })
     }
 
     /// Passes a command to the producer; the error is a sentence for the user.
@@ -158,13 +184,13 @@ mod tests {
 
     use super::*;
 
-    fn hub() -> Hub {
+    fn hub() -> Arc<Hub> {
         hub_for(sync_channel(1).0)
     }
 
-    fn hub_for(commands: SyncSender<Command>) -> Hub {
-        let limits = Limits { listeners: 1, ..Limits::default() };
-        Hub::new(None, limits, commands, watch::channel(false).1)
+    fn hub_for(commands: SyncSender<Command>) -> Arc<Hub> {
+        let limits = Limits { listeners: 3, ..Limits::default() };
+        Arc::new(Hub::new(String::new(), false, limits, commands, watch::channel(false).1))
     }
 
     fn note(text: &str) -> Event {
@@ -194,27 +220,41 @@ mod tests {
         });
         let (name, volume_m) = ("other".to_owned(), [[0.0; 3], [1.0; 3]]);
         hub.publish(&Event::Scene(Scene { name, cameras: Vec::new(), markers: Vec::new(), volume_m }));
-        let mailbox = hub.join().unwrap();
-        let texts = texts(&mailbox);
+        let page = hub.join(Right::Look).unwrap();
+        let texts = texts(&page.mailbox);
         assert_eq!(texts.len(), 3, "{texts:?}");
         for (text, what) in texts.iter().zip(["first", "recording", "scene"]) {
             assert!(text.contains(what), "{texts:?}");
         }
-        assert!(hub.join().is_none());
-        hub.leave(&mailbox);
+        drop(page);
         assert_eq!(hub.listeners(), 0);
+    }
+
+    #[test]
+    fn pages_that_only_look_leave_places_for_those_with_the_token() {
+        let hub = hub();
+        let lookers: Vec<_> = std::iter::from_fn(|| hub.join(Right::Look)).collect();
+        assert_eq!(lookers.len(), 2);
+        let page = hub.join(Right::Command).unwrap();
+        assert!(hub.join(Right::Command).is_none());
+        drop((lookers, page));
+        let pages: Vec<_> = std::iter::from_fn(|| hub.join(Right::Command)).collect();
+        assert_eq!(pages.len(), 3);
+        assert!(hub.join(Right::Look).is_none());
     }
 
     #[test]
     fn pictures_are_wanted_ten_times_a_second_while_somebody_looks() {
         let hub = hub();
         assert!(!hub.wants_preview(0, 0));
-        let _mailbox = hub.join().unwrap();
+        let _page = hub.join(Right::Look).unwrap();
         let wanted = |camera, rate_hz| {
             (0..rate_hz).filter(|k| hub.wants_preview(camera, k * 1_000_000_000 / rate_hz)).count()
         };
         assert_eq!((wanted(0, 60), wanted(1, 30), wanted(2, 120)), (10, 10, 10));
         assert!(hub.wants_preview(0, -5_000_000_000), "a replay that begins again");
+        let _busy = lock(&hub.pages);
+        assert!(!hub.wants_preview(0, 0), "a camera does not wait");
     }
 
     #[test]

@@ -6,7 +6,7 @@
 //! message falls out first.
 //!
 //! Only this machine is served unless [`Reach::Network`] permits more, and then only with the token of the
-//! printed address. Pages of other origins, and host names that lead here by DNS rebinding, are refused.
+//! printed address; without it nobody gives commands. Pages of other origins, and host names that lead here by DNS rebinding, are refused.
 
 mod access;
 mod answer;
@@ -17,6 +17,7 @@ mod error;
 mod hub;
 mod limits;
 mod listener;
+mod pace;
 mod preview;
 mod queue;
 mod server;

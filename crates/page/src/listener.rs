@@ -9,34 +9,38 @@ use tokio_tungstenite::tungstenite::protocol::{CloseFrame, Role, WebSocketConfig
 use tokio_tungstenite::tungstenite::{Bytes, Message, Utf8Bytes};
 
 use crate::Command;
-use crate::hub::{Hub, Mailbox};
+use crate::access::Right;
+use crate::hub::Seat;
+use crate::pace::Paced;
 use crate::queue::Kind;
 
-type Socket = WebSocketStream<TcpStream>;
+type Socket = WebSocketStream<Paced>;
 
 /// Longest message that a page may send; a command has about forty.
 const MESSAGE_LIMIT_BYTES: usize = 1024;
-/// The connection ends after this many messages that are no command.
+/// The connection ends after this many messages that are no command, or one that it may not give.
 const NONSENSE_LIMIT: usize = 10;
 
 /// Serves an open page until it leaves, is silent too long, or the server ends; `received` came before.
-pub(crate) async fn serve(stream: TcpStream, received: Bytes, mailbox: &Mailbox, hub: &Hub) {
+pub(crate) async fn serve(stream: TcpStream, received: Bytes, seat: Seat) {
     let config = WebSocketConfig::default()
         .max_message_size(Some(MESSAGE_LIMIT_BYTES))
         .max_frame_size(Some(MESSAGE_LIMIT_BYTES))
         .read_buffer_size(4096)
         .write_buffer_size(0);
-    let received = received.to_vec();
+    let (received, limits) = (received.to_vec(), seat.hub.limits);
+    let stream = Paced::new(stream, limits.burst_bytes, limits.pause);
     let mut socket = WebSocketStream::from_partially_read(stream, received, Role::Server, Some(config)).await;
-    if let Some((code, text)) = exchange(&mut socket, mailbox, hub).await {
+    if let Some((code, text)) = exchange(&mut socket, &seat).await {
         let frame = CloseFrame { code, reason: Utf8Bytes::from_static(text) };
         // Whether it arrives is the page's matter.
-        let _ = timeout(hub.limits.request_time, socket.close(Some(frame))).await;
+        let _ = timeout(limits.request_time, socket.close(Some(frame))).await;
     }
 }
 
 /// Passes messages both ways; returns the reason of the end if the page can still hear it.
-async fn exchange(socket: &mut Socket, mailbox: &Mailbox, hub: &Hub) -> Option<(CloseCode, &'static str)> {
+async fn exchange(socket: &mut Socket, seat: &Seat) -> Option<(CloseCode, &'static str)> {
+    let (hub, mailbox) = (&seat.hub, &seat.mailbox);
     let limits = &hub.limits;
     let mut beat = interval(limits.beat);
     beat.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -49,7 +53,7 @@ async fn exchange(socket: &mut Socket, mailbox: &Mailbox, hub: &Hub) -> Option<(
             incoming = socket.next() => {
                 heard = Instant::now();
                 match incoming? {
-                    Ok(Message::Text(text)) => nonsense += usize::from(!carry_out(&text, mailbox, hub)),
+                    Ok(Message::Text(text)) => nonsense += usize::from(!carry_out(&text, seat)),
                     Ok(Message::Binary(_)) => return Some((CloseCode::Unsupported, "only texts are understood")),
                     Ok(Message::Close(_)) | Err(_) => return None,
                     Ok(_) => {}
@@ -75,10 +79,15 @@ async fn exchange(socket: &mut Socket, mailbox: &Mailbox, hub: &Hub) -> Option<(
     }
 }
 
-/// Passes a page's command on, and answers one that cannot be carried out. Returns whether it was a command.
-fn carry_out(text: &str, mailbox: &Mailbox, hub: &Hub) -> bool {
+/// Passes a page's command on, and answers one that cannot be carried out. Returns whether it was a command
+/// that the page may give.
+fn carry_out(text: &str, seat: &Seat) -> bool {
+    let Seat { hub, mailbox } = seat;
     let command = Command::parse(text);
     let answer = match command {
+        Some(_) if mailbox.right == Right::Look => {
+            Some("This page may look only: for commands open the address that this flight has printed.")
+        }
         Some(command) => hub.ask(command).err(),
         None => Some("The page sent a command that this program does not know: load the page again."),
     };
@@ -86,5 +95,5 @@ fn carry_out(text: &str, mailbox: &Mailbox, hub: &Hub) -> bool {
         let note = format!(r#"{{"event":"note","t_s":null,"fault":true,"text":"{answer}"}}"#);
         mailbox.push(Kind::Note, Message::text(note));
     }
-    command.is_some()
+    command.is_some() && mailbox.right == Right::Command
 }

@@ -1,18 +1,18 @@
 //! The server's interface for its producer.
 
+use std::collections::VecDeque;
 use std::net::SocketAddr;
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use hyper::StatusCode;
-use mavsight_link::Event;
-use tokio::net::{TcpListener, TcpSocket, TcpStream};
+use mavsight_link::{Event, give_way};
+use tokio::net::{TcpListener, TcpSocket};
 use tokio::runtime::Runtime;
-use tokio::sync::{Semaphore, watch};
+use tokio::sync::watch;
+use tokio::task::AbortHandle;
 
-use crate::answer::{Refusal, refusal_bytes};
 use crate::connection::serve;
 use crate::hub::{Hub, lock};
 use crate::{Command, Limits, PageError, access};
@@ -21,15 +21,18 @@ use crate::{Command, Limits, PageError, access};
 const COMMANDS_WAITING: usize = 16;
 /// The system's buffer for a page that does not read: a picture and some poses, so that it shows new ones.
 const SEND_BUFFER_BYTES: u32 = 64 * 1024;
+/// Connections that the system holds until they are accepted, which is at once unless thousands come together.
+const BACKLOG: u32 = 1024;
 
 /// Machines that may reach the page.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Reach {
-    /// Programs on this machine.
+    /// Programs on this machine, which may look; for commands they need the token at the end of
+    /// [`Server::url`].
     #[default]
     Loopback,
-    /// Every machine that can reach the address and knows the token at the end of [`Server::url`]. Nothing is
-    /// encrypted.
+    /// Every machine that can reach the address and knows that token, without which it gets nothing. Nothing
+    /// is encrypted.
     Network,
 }
 
@@ -57,7 +60,7 @@ impl Server {
         if is_open && reach == Reach::Loopback {
             return Err(PageError::NotLoopback(address));
         }
-        let token = if is_open { Some(access::token().map_err(PageError::Token)?) } else { None };
+        let token = access::token().map_err(PageError::Token)?;
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_io()
             .enable_time()
@@ -67,12 +70,14 @@ impl Server {
         let address = listener.local_addr().map_err(|source| PageError::Listen { address, source })?;
         let (sender, commands) = sync_channel(COMMANDS_WAITING);
         let (end, ended) = watch::channel(false);
-        let hub = Arc::new(Hub::new(token, limits, sender, ended));
+        let hub = Arc::new(Hub::new(token, is_open, limits, sender, ended));
         let own = Arc::clone(&hub);
-        let thread = std::thread::Builder::new()
-            .name("page".to_owned())
-            .spawn(move || runtime.block_on(accept(listener, own)))
-            .map_err(PageError::Start)?;
+        let run = move || {
+            give_way();
+            runtime.block_on(accept(listener, own));
+        };
+        let thread =
+            std::thread::Builder::new().name("page".to_owned()).spawn(run).map_err(PageError::Start)?;
         Ok(Self { hub, address, commands: Mutex::new(commands), end, thread: Some(thread) })
     }
 
@@ -82,14 +87,11 @@ impl Server {
         self.address
     }
 
-    /// The page's URL. For other machines it contains the token, so it is for the user's eyes only. An
-    /// unspecified address (0.0.0.0) is returned as it is: the user replaces it by this machine's address.
+    /// The page's URL. It contains the token, so it is for the user's eyes only. An unspecified address
+    /// (0.0.0.0) is returned as it is: the user replaces it by this machine's address.
     #[must_use]
     pub fn url(&self) -> String {
-        match &self.hub.token {
-            Some(token) => format!("http://{}/{token}/", self.address),
-            None => format!("http://{}/", self.address),
-        }
+        format!("http://{}/{}/", self.address, self.hub.token)
     }
 
     /// Number of open pages.
@@ -145,12 +147,12 @@ fn listen(runtime: &Runtime, address: SocketAddr) -> std::io::Result<TcpListener
     socket.set_reuseaddr(true)?;
     socket.set_send_buffer_size(SEND_BUFFER_BYTES)?;
     socket.bind(address)?;
-    socket.listen(128)
+    socket.listen(BACKLOG)
 }
 
 /// Accepts connections until the server ends; open pages then have 0.2 s to close.
 async fn accept(listener: TcpListener, hub: Arc<Hub>) {
-    let places = Arc::new(Semaphore::new(hub.limits.connections));
+    let mut unanswered = VecDeque::new();
     loop {
         let accepted = tokio::select! {
             accepted = listener.accept() => accepted,
@@ -163,15 +165,8 @@ async fn accept(listener: TcpListener, hub: Arc<Hub>) {
         };
         // Only delays poses if it fails.
         let _ = stream.set_nodelay(true);
-        let Ok(place) = Arc::clone(&places).try_acquire_owned() else {
-            refuse_connection(stream);
-            continue;
-        };
-        let hub = Arc::clone(&hub);
-        tokio::spawn(async move {
-            serve(stream, hub).await;
-            drop(place);
-        });
+        make_room(&mut unanswered, hub.limits.connections);
+        unanswered.push_back(tokio::spawn(serve(stream, Arc::clone(&hub))).abort_handle());
     }
     drop(listener);
     for _ in 0..20 {
@@ -182,13 +177,14 @@ async fn accept(listener: TcpListener, hub: Arc<Hub>) {
     }
 }
 
-/// Refuses a connection for which there is no place, without waiting for anything.
-fn refuse_connection(stream: TcpStream) {
-    let text = "Too many connections: try again in a few seconds.";
-    let full = refusal_bytes(Refusal(StatusCode::SERVICE_UNAVAILABLE, text));
-    if let Ok(mut stream) = stream.into_std() {
-        // The socket does not block; a client that gets nothing sees it closed.
-        let _ = std::io::Write::write(&mut stream, &full);
+/// Forgets the connections that are answered; if there are still as many as may be, closes the oldest.
+fn make_room(unanswered: &mut VecDeque<AbortHandle>, most: usize) {
+    if unanswered.len() < most {
+        return;
+    }
+    unanswered.retain(|connection| !connection.is_finished());
+    while unanswered.len() >= most.max(1) {
+        unanswered.pop_front().iter().for_each(AbortHandle::abort);
     }
 }
 
@@ -204,7 +200,9 @@ mod tests {
         assert!(error.to_string().contains("0.0.0.0:0"), "{error}");
         let server =
             Server::start("127.0.0.1:0".parse().unwrap(), Reach::Network, Limits::default()).unwrap();
-        assert_eq!(server.url(), format!("http://{}/", server.address()));
+        let url = server.url();
+        let token = url.strip_prefix(&format!("http://{}/", server.address())).unwrap();
+        assert_eq!(token.len(), 33, "{url}");
     }
 
     #[test]

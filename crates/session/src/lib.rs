@@ -11,6 +11,7 @@ pub mod logs;
 mod parquet_rows;
 pub mod results;
 mod session_file;
+mod storage;
 mod table;
 pub mod tables;
 pub mod video;
@@ -29,6 +30,7 @@ pub use session_file::{
     ControlSection, Estimate, FieldOrder, LineTime, RigSection, SESSION_SCHEMA, SessionCamera, SessionFile,
     WandSection,
 };
+pub use storage::{Storage, Syncer, sync_folder};
 pub use table::{Row, Table, write_csv};
 pub use tables::{read_control_points, write_control_points, write_inputs, write_numbers};
 pub use video::{

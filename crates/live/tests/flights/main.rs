@@ -4,4 +4,5 @@ mod batch;
 mod cameras;
 mod common;
 mod paper_flight;
+mod power;
 mod recording;

@@ -12,7 +12,7 @@ use std::convert::Infallible;
 use std::path::Path;
 
 /// A session with whatever a session needs, in a folder of its own.
-fn session(at: &Path) -> SessionFile {
+pub(crate) fn session(at: &Path) -> SessionFile {
     mavsight_session::write_toml(&at.join("vehicle.toml"), &Vehicle::paper()).expect("as staged");
     std::fs::write(at.join("points.csv"), "name,x_m,y_m,z_m,diameter_m,color\n").expect("as staged");
     std::fs::write(at.join("pixels.csv"), "camera,name,u_px,v_px\n").expect("as staged");
@@ -45,7 +45,7 @@ fn session(at: &Path) -> SessionFile {
     }
 }
 
-fn recorded(session: SessionFile) -> RecordedSession {
+pub(crate) fn recorded(session: SessionFile) -> RecordedSession {
     RecordedSession { session, base: "".into(), rate_hz: 30.0, inputs: None, waits: true }
 }
 

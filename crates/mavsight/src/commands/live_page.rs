@@ -1,8 +1,8 @@
 //! The browser page of a live flight.
 
 use anyhow::{Context, Result};
-use mavsight_link::{Event, PoseEvent};
-use mavsight_live::{Listener, Recorder, RecorderSlot, Setup, give_way};
+use mavsight_link::{Event, PoseEvent, give_way};
+use mavsight_live::{Listener, Recorder, RecorderSlot, Setup};
 use mavsight_page::{Command, Limits, Reach, Server, encode_preview};
 use mavsight_pipeline::{ControlPointRow, ControlStill, calibrate_from_stills};
 use mavsight_session::write_rig;

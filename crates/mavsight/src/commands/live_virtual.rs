@@ -8,9 +8,9 @@ use crate::progress::Bars;
 use anyhow::{Context, Result};
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::ImageSize;
+use mavsight_link::give_way;
 use mavsight_live::{
     CameraSetup, FlightClock, InputSource, Listeners, Pace, RecordedSession, Recorder, RecorderSlot, Setup,
-    give_way,
 };
 use mavsight_pipeline::{ControlStill, Progress, calibrate_from_stills};
 use mavsight_scene::{Aircraft, Film, FilmStream, Room, Sensor};

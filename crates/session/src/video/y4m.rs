@@ -9,11 +9,11 @@
 use super::Opened;
 use super::color::YuvCoding;
 use super::planes::Planes;
-use crate::SessionError;
+use crate::{SessionError, Storage, Syncer};
 use mavsight_geometry::ImageSize;
 use mavsight_vision::{Frame, Pixels, YuvMatrix};
 use std::fs::File;
-use std::io::{BufRead, BufReader, Read, Write};
+use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 
 /// Longest line of parameters that is believed to be one.
@@ -192,10 +192,9 @@ impl Iterator for Recorded {
 }
 
 /// Writes frames as they come, so that whatever happens the file is whole but for its last frame.
-#[derive(Debug)]
 pub struct Y4mWriter {
     path: PathBuf,
-    file: File,
+    file: Box<dyn Storage>,
     rate_hz: f64,
     bytes: u64,
     line: String,
@@ -209,12 +208,25 @@ impl Y4mWriter {
     /// A place that cannot be written.
     pub fn create(path: &Path, rate_hz: f64) -> Result<Self, SessionError> {
         let file = File::create(path).map_err(|e| SessionError::io(path, "write it", e))?;
-        Ok(Self { path: path.to_owned(), file, rate_hz, bytes: 0, line: String::new() })
+        Ok(Self::new(path, Box::new(file), rate_hz))
+    }
+
+    /// Begins on an open file, which `path` names in errors.
+    pub fn new(path: &Path, file: Box<dyn Storage>, rate_hz: f64) -> Self {
+        Self { path: path.to_owned(), file, rate_hz, bytes: 0, line: String::new() }
     }
 
     /// Bytes so far.
     pub fn bytes(&self) -> u64 {
         self.bytes
+    }
+
+    /// What waits until the frames so far are on the disk itself.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn syncer(&self) -> std::io::Result<Syncer> {
+        self.file.syncer()
     }
 
     /// Adds a frame with its time stamp, and hands it to the system.
@@ -239,7 +251,7 @@ impl Y4mWriter {
             .and_then(|()| planes.iter().try_for_each(|plane| self.file.write_all(plane)));
         if let Err(source) = written {
             // What is left of the frame is passed over by readers too, should it not come off.
-            let _ = self.file.set_len(self.bytes);
+            let _ = self.file.cut(self.bytes);
             return Err(SessionError::io(&self.path, "write it", source));
         }
         self.bytes += self.line.len() as u64 + planes.iter().map(|p| p.len() as u64).sum::<u64>();
