@@ -6,6 +6,7 @@ mod live;
 mod log;
 mod out;
 mod plan;
+mod targets;
 
 pub(crate) use convert::{Convert, Format, Up};
 pub(crate) use first::{Check, New};
@@ -13,6 +14,7 @@ pub(crate) use live::Live;
 pub(crate) use log::{LogMapping, ReadLog};
 pub(crate) use out::{Completions, Man, Overlay};
 pub(crate) use plan::{Campaign, Criterion, Plan, PlanCameras, PlanManoeuvre};
+pub(crate) use targets::{Paper, Targets};
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use mavsight_geometry::ImageSize;
@@ -35,6 +37,8 @@ pub(crate) struct Cli {
 pub(crate) enum Command {
     /// Fly, film, calibrate, track, identify and report a virtual aircraft, and score it against truth
     Demo(Demo),
+    /// Make sheets to print: boards, a wand, marker colours, the plan of a control frame with a form for measured distances
+    Targets(Targets),
     /// Begin a session: looks at the videos, asks for what it cannot see, writes session.toml, vehicle.toml and control_points.csv
     New(New),
     /// Look at a session before it is run: what is ready, and what to mend first

@@ -25,6 +25,7 @@ mod plan;
 mod run;
 mod selftest;
 mod stages;
+mod targets;
 
 use crate::cli::{Cli, Command, Plan, WrongCall};
 use anyhow::Result;
@@ -34,6 +35,7 @@ use std::path::Path;
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     match &cli.command {
         Command::Demo(args) => demo::demo(args),
+        Command::Targets(args) => targets::targets(args),
         Command::New(args) => new::new(args),
         Command::Check(args) => check::check(args),
         Command::Run(args) => run::run(args),
