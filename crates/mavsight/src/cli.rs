@@ -9,6 +9,8 @@ mod plan;
 mod targets;
 
 pub(crate) use convert::{Convert, Format, Up};
+#[cfg(feature = "page")]
+pub(crate) use first::Pick;
 pub(crate) use first::{Check, New};
 pub(crate) use live::Live;
 pub(crate) use log::{LogMapping, ReadLog};
@@ -43,6 +45,9 @@ pub(crate) enum Command {
     New(New),
     /// Look at a session before it is run: what is ready, and what to mend first
     Check(Check),
+    /// Click on the control points of a session in the browser, the calibration at hand
+    #[cfg(feature = "page")]
+    Pick(Pick),
     /// Run the whole chain on a recorded session
     Run(Run),
     /// Fly with running cameras, a replayed session or the virtual room: poses as they happen

@@ -21,6 +21,8 @@ mod manoeuvre;
 mod manual;
 mod new;
 mod overlay;
+#[cfg(feature = "page")]
+mod pick;
 mod plan;
 mod run;
 mod selftest;
@@ -38,6 +40,8 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         Command::Targets(args) => targets::targets(args),
         Command::New(args) => new::new(args),
         Command::Check(args) => check::check(args),
+        #[cfg(feature = "page")]
+        Command::Pick(args) => pick::pick(args),
         Command::Run(args) => run::run(args),
         Command::Live(args) => live::live(args),
         Command::Simulate(args) => stages::simulate(args),

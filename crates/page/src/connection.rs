@@ -19,6 +19,7 @@ use tokio_tungstenite::tungstenite::handshake::server::create_response_with_body
 
 use crate::answer::{Refusal, answer, refusal_bytes, refuse};
 use crate::hub::{Hub, Mailbox};
+use crate::site::{OWN_HEADER, Site};
 use crate::{access, assets, listener};
 
 /// Longest request line and header lines together: several times what browsers send.
@@ -26,6 +27,7 @@ const HEAD_LIMIT_BYTES: usize = 8192;
 /// Most header lines; browsers send about twenty.
 const HEADER_LIMIT: usize = 64;
 
+const NOT_FOUND: Refusal = Refusal(StatusCode::NOT_FOUND, "There is no such file.");
 const MALFORMED: Refusal = Refusal(StatusCode::BAD_REQUEST, "This request does not follow HTTP/1.1.");
 
 /// Serves one connection to its end: one request, which may become a WebSocket.
@@ -101,6 +103,9 @@ fn respond(
     if !request.body().is_end_stream() {
         return Err(Refusal(StatusCode::PAYLOAD_TOO_LARGE, "No request here has a body."));
     }
+    if let Some(site) = &hub.site {
+        return of_site(site, headers, path, uri.query().unwrap_or(""));
+    }
     if path == "events" {
         let response = upgrade(request, origin)?;
         let full = Refusal(StatusCode::SERVICE_UNAVAILABLE, "As many pages as may are open: close one.");
@@ -108,9 +113,18 @@ fn respond(
         mailbox.get_or_init(|| joined);
         return Ok(response);
     }
-    let not_found = Refusal(StatusCode::NOT_FOUND, "There is no such file.");
-    let (media_type, text) = assets::find(path).ok_or(not_found)?;
+    let (media_type, text) = assets::find(path).ok_or(NOT_FOUND)?;
     Ok(answer(StatusCode::OK, media_type, text))
+}
+
+/// The answer of a page of another kind.
+fn of_site(site: &Site, headers: &HeaderMap, path: &str, query: &str) -> Result<Response<String>, Refusal> {
+    let is_own = single(headers, HeaderName::from_static(OWN_HEADER.0))? == Some(OWN_HEADER.1);
+    if path.starts_with("do/") && !is_own {
+        return Err(Refusal(StatusCode::FORBIDDEN, "Only the page itself does anything here."));
+    }
+    let reply = (site.0)(path, query).ok_or(NOT_FOUND)?;
+    Ok(answer(StatusCode::OK, reply.media_type, &reply.text))
 }
 
 /// The answer that accepts a WebSocket (RFC 6455, section 4.2).

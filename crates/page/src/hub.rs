@@ -9,6 +9,7 @@ use tokio::sync::{Notify, watch};
 use tokio_tungstenite::tungstenite::{Bytes, Message};
 
 use crate::queue::{Kind, Queue};
+use crate::site::Site;
 use crate::{Command, Limits};
 
 /// Locks a mutex. No holder leaves its value half changed, so a poisoned one is sound.
@@ -50,6 +51,8 @@ pub(crate) struct Hub {
     pub(crate) token: Option<String>,
     pub(crate) limits: Limits,
     commands: SyncSender<Command>,
+    /// The page, where it is not that of a flight.
+    pub(crate) site: Option<Site>,
     /// Becomes true when the server ends.
     ended: watch::Receiver<bool>,
 }
@@ -70,9 +73,10 @@ impl Hub {
         token: Option<String>,
         limits: Limits,
         commands: SyncSender<Command>,
+        site: Option<Site>,
         ended: watch::Receiver<bool>,
     ) -> Self {
-        Self { pages: Mutex::default(), token, limits, commands, ended }
+        Self { pages: Mutex::default(), token, limits, commands, site, ended }
     }
 
     pub(crate) async fn end(&self) {
@@ -164,7 +168,7 @@ mod tests {
 
     fn hub_for(commands: SyncSender<Command>) -> Hub {
         let limits = Limits { listeners: 1, ..Limits::default() };
-        Hub::new(None, limits, commands, watch::channel(false).1)
+        Hub::new(None, limits, commands, None, watch::channel(false).1)
     }
 
     fn note(text: &str) -> Event {
