@@ -12,7 +12,7 @@ use mavsight::flight::Color;
 use mavsight::geometry::{Camera, ImageSize, Intrinsics, Isometry3, Point3, UnitQuaternion, Vector3};
 use mavsight::lab;
 use mavsight::pipeline::{
-    Board, CameraFeed, ControlPixel, ControlStill, TimedFrame, Wand, WandBall, board_of,
+    Board, CLICKED_STD_PX, CameraFeed, ControlPixel, ControlStill, TimedFrame, Wand, WandBall, board_of,
     calibrate_from_observations, calibrate_from_stills, wand_of,
 };
 use mavsight::scene::{Aircraft, Film, PaintedBall, Room, Sensor};
@@ -140,7 +140,13 @@ fn board(room: &Room) -> Result<()> {
         let seen = camera.camera.project(&Vector3::from(p.position_m))?.pixel;
         let off = |step: f64| 0.5 * (TAU * step * (k as f64 + 1.0)).sin();
         let (camera, name) = ("wide".to_owned(), p.name.clone());
-        Ok(ControlPixel { camera, name, u_px: seen.x + off(0.37), v_px: seen.y + off(0.71) })
+        Ok(ControlPixel {
+            camera,
+            name,
+            u_px: seen.x + off(0.37),
+            v_px: seen.y + off(0.71),
+            std_px: CLICKED_STD_PX,
+        })
     });
     let pixels = pixels.collect::<Result<Vec<_>>>()?;
     let sizes = [("wide".to_owned(), size)];

@@ -6,13 +6,17 @@ mod live;
 mod log;
 mod out;
 mod plan;
+mod targets;
 
 pub(crate) use convert::{Convert, Format, Up};
+#[cfg(feature = "page")]
+pub(crate) use first::Pick;
 pub(crate) use first::{Check, New};
 pub(crate) use live::Live;
 pub(crate) use log::{LogMapping, ReadLog};
 pub(crate) use out::{Completions, Man, Overlay};
 pub(crate) use plan::{Campaign, Criterion, Plan, PlanCameras, PlanManoeuvre};
+pub(crate) use targets::{Paper, Targets};
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use mavsight_geometry::ImageSize;
@@ -35,10 +39,15 @@ pub(crate) struct Cli {
 pub(crate) enum Command {
     /// Fly, film, calibrate, track, identify and report a virtual aircraft, and score it against truth
     Demo(Demo),
+    /// Make sheets to print: boards, a wand, marker colours, the plan of a control frame with a form for measured distances
+    Targets(Targets),
     /// Begin a session: looks at the videos, asks for what it cannot see, writes session.toml, vehicle.toml and control_points.csv
     New(New),
     /// Look at a session before it is run: what is ready, and what to mend first
     Check(Check),
+    /// Click on the control points of a session in the browser, the calibration at hand
+    #[cfg(feature = "page")]
+    Pick(Pick),
     /// Run the whole chain on a recorded session
     Run(Run),
     /// Fly with running cameras, a replayed session or the virtual room: poses as they happen

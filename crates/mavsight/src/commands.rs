@@ -21,10 +21,13 @@ mod manoeuvre;
 mod manual;
 mod new;
 mod overlay;
+#[cfg(feature = "page")]
+mod pick;
 mod plan;
 mod run;
 mod selftest;
 mod stages;
+mod targets;
 
 use crate::cli::{Cli, Command, Plan, WrongCall};
 use anyhow::Result;
@@ -34,8 +37,11 @@ use std::path::Path;
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     match &cli.command {
         Command::Demo(args) => demo::demo(args),
+        Command::Targets(args) => targets::targets(args),
         Command::New(args) => new::new(args),
         Command::Check(args) => check::check(args),
+        #[cfg(feature = "page")]
+        Command::Pick(args) => pick::pick(args),
         Command::Run(args) => run::run(args),
         Command::Live(args) => live::live(args),
         Command::Simulate(args) => stages::simulate(args),

@@ -17,8 +17,10 @@ use tokio::time::timeout;
 use tokio_tungstenite::tungstenite::error::{Error, ProtocolError};
 use tokio_tungstenite::tungstenite::handshake::server::create_response_with_body;
 
+use crate::access::Right;
 use crate::answer::{Refusal, answer, refusal_bytes, refuse};
 use crate::hub::{Hub, Seat};
+use crate::site::{OWN_HEADER, Site};
 use crate::{access, assets, listener};
 
 /// Longest request line and header lines together: several times what browsers send.
@@ -26,6 +28,7 @@ const HEAD_LIMIT_BYTES: usize = 8192;
 /// Most header lines; browsers send about twenty.
 const HEADER_LIMIT: usize = 64;
 
+const NOT_FOUND: Refusal = Refusal(StatusCode::NOT_FOUND, "There is no such file.");
 const MALFORMED: Refusal = Refusal(StatusCode::BAD_REQUEST, "This request does not follow HTTP/1.1.");
 
 /// Serves one request to its end; if it asked for a WebSocket, that goes on as a task of its own.
@@ -97,6 +100,10 @@ fn respond(
     if !request.body().is_end_stream() {
         return Err(Refusal(StatusCode::PAYLOAD_TOO_LARGE, "No request here has a body."));
     }
+    if let Some(site) = &hub.site {
+        let asked = Asked { path, query: uri.query().unwrap_or(""), right };
+        return of_site(site, headers, &asked);
+    }
     if path == "events" {
         let response = upgrade(request, origin)?;
         let full = Refusal(StatusCode::SERVICE_UNAVAILABLE, "As many pages as may are open: close one.");
@@ -104,9 +111,28 @@ fn respond(
         seat.get_or_init(|| joined);
         return Ok(response);
     }
-    let not_found = Refusal(StatusCode::NOT_FOUND, "There is no such file.");
-    let (media_type, text) = assets::find(path).ok_or(not_found)?;
+    let (media_type, text) = assets::find(path).ok_or(NOT_FOUND)?;
     Ok(answer(StatusCode::OK, media_type, text))
+}
+
+/// What is asked of a page of another kind.
+struct Asked<'a> {
+    path: &'a str,
+    query: &'a str,
+    right: Right,
+}
+
+/// The answer of a page of another kind.
+fn of_site(site: &Site, headers: &HeaderMap, asked: &Asked<'_>) -> Result<Response<String>, Refusal> {
+    let is_own = single(headers, HeaderName::from_static(OWN_HEADER.0))? == Some(OWN_HEADER.1);
+    if asked.path.starts_with("do/") && !(is_own && asked.right == Right::Command) {
+        return Err(Refusal(
+            StatusCode::FORBIDDEN,
+            "Only the page at the printed address does anything here.",
+        ));
+    }
+    let reply = (site.0)(asked.path, asked.query).ok_or(NOT_FOUND)?;
+    Ok(answer(StatusCode::OK, reply.media_type, &reply.text))
 }
 
 /// The answer that accepts a WebSocket (RFC 6455, section 4.2).

@@ -10,6 +10,7 @@ use tokio_tungstenite::tungstenite::{Bytes, Message};
 
 use crate::access::Right;
 use crate::queue::{Kind, Queue};
+use crate::site::Site;
 use crate::{Command, Limits};
 
 /// Locks a mutex. No holder leaves its value half changed, so a poisoned one is sound.
@@ -68,6 +69,8 @@ pub(crate) struct Hub {
     pub(crate) is_private: bool,
     pub(crate) limits: Limits,
     commands: SyncSender<Command>,
+    /// The page, where it is not that of a flight.
+    pub(crate) site: Option<Site>,
     /// Becomes true when the server ends.
     ended: watch::Receiver<bool>,
 }
@@ -89,9 +92,10 @@ impl Hub {
         is_private: bool,
         limits: Limits,
         commands: SyncSender<Command>,
+        site: Option<Site>,
         ended: watch::Receiver<bool>,
     ) -> Self {
-        Self { pages: Mutex::default(), token, is_private, limits, commands, ended }
+        Self { pages: Mutex::default(), token, is_private, limits, commands, site, ended }
     }
 
     pub(crate) async fn end(&self) {
@@ -190,7 +194,7 @@ mod tests {
 
     fn hub_for(commands: SyncSender<Command>) -> Arc<Hub> {
         let limits = Limits { listeners: 3, ..Limits::default() };
-        Arc::new(Hub::new(String::new(), false, limits, commands, watch::channel(false).1))
+        Arc::new(Hub::new(String::new(), false, limits, commands, None, watch::channel(false).1))
     }
 
     fn note(text: &str) -> Event {

@@ -15,6 +15,7 @@ use tokio::task::AbortHandle;
 
 use crate::connection::serve;
 use crate::hub::{Hub, lock};
+use crate::site::{Reply, Site};
 use crate::{Command, Limits, PageError, access};
 
 /// Commands that may wait; a person presses no more keys than that before something happens.
@@ -56,6 +57,30 @@ impl Server {
     /// [`PageError::Listen`] where the address is taken or not this machine's, [`PageError::Token`] or
     /// [`PageError::Start`] where the system gives no random numbers or no thread.
     pub fn start(address: SocketAddr, reach: Reach, limits: Limits) -> Result<Self, PageError> {
+        Self::start_with(address, reach, limits, None)
+    }
+
+    /// Serves a page of another kind: `answer` gets the path below the page's address and what follows a question mark, one
+    /// request after the other, and gives nothing where there is nothing. It has no events. A request below `do/` comes from
+    /// the page itself: it must have the token, and the header `x-mavsight: page`, which scripts of other origins cannot send.
+    ///
+    /// # Errors
+    /// As [`Self::start`].
+    pub fn start_site(
+        address: SocketAddr,
+        reach: Reach,
+        limits: Limits,
+        answer: impl Fn(&str, &str) -> Option<Reply> + Send + Sync + 'static,
+    ) -> Result<Self, PageError> {
+        Self::start_with(address, reach, limits, Some(Site(Box::new(answer))))
+    }
+
+    fn start_with(
+        address: SocketAddr,
+        reach: Reach,
+        limits: Limits,
+        site: Option<Site>,
+    ) -> Result<Self, PageError> {
         let is_open = !address.ip().to_canonical().is_loopback();
         if is_open && reach == Reach::Loopback {
             return Err(PageError::NotLoopback(address));
@@ -70,7 +95,7 @@ impl Server {
         let address = listener.local_addr().map_err(|source| PageError::Listen { address, source })?;
         let (sender, commands) = sync_channel(COMMANDS_WAITING);
         let (end, ended) = watch::channel(false);
-        let hub = Arc::new(Hub::new(token, is_open, limits, sender, ended));
+        let hub = Arc::new(Hub::new(token, is_open, limits, sender, site, ended));
         let own = Arc::clone(&hub);
         let run = move || {
             give_way();

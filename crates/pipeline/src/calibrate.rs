@@ -15,10 +15,6 @@ pub struct ControlStill {
     pub frame: Frame,
 }
 
-/// Standard deviation of a point clicked by hand: a person hits the centre of a small ball to about half a
-/// pixel.
-const CLICKED_STD_PX: f64 = 0.5;
-
 /// Smallest and largest apparent diameter of a ball that is searched for when nothing is known of the
 /// camera: below 3 px a disc has no inside that shows its colour, above a tenth of the image it is not a
 /// control ball.
@@ -217,7 +213,7 @@ pub fn calibrate_from_observations(
         let mut control = CameraControl::exact(camera.clone(), *size, vec![], vec![]);
         for pixel in pixels.iter().filter(|p| &p.camera == camera) {
             let Some(row) = table.iter().find(|row| row.name == pixel.name) else { continue };
-            let covariance_px2 = Matrix2::identity() * CLICKED_STD_PX * CLICKED_STD_PX;
+            let covariance_px2 = Matrix2::identity() * pixel.std_px.powi(2);
             push_point(&mut control, row, Vector2::new(pixel.u_px, pixel.v_px), covariance_px2);
         }
         controls.push(control);

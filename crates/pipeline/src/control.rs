@@ -17,6 +17,10 @@ pub struct ControlPointRow {
     pub std_m: f64,
 }
 
+/// Standard deviation of a point clicked by hand: a person hits the centre of a small ball to about half a
+/// pixel.
+pub const CLICKED_STD_PX: f64 = 0.5;
+
 /// A control point as clicked or found elsewhere.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ControlPixel {
@@ -28,4 +32,6 @@ pub struct ControlPixel {
     pub u_px: f64,
     /// Row.
     pub v_px: f64,
+    /// Standard deviation of each.
+    pub std_px: f64,
 }

@@ -82,7 +82,7 @@ pub enum PipelineError {
     },
     /// A control ball that no colour matched.
     #[error(
-        "{camera}: only {found} of {wanted} control balls were found in the still (missing: {missing}): at least 6 are needed; check the colours in the control table, or click the balls and give `observations`"
+        "{camera}: only {found} of {wanted} control balls were found in the still (missing: {missing}): at least 6 are needed; check the colours in the control table, or click on the balls (`mavsight pick`)"
     )]
     ControlBalls {
         /// Camera name.

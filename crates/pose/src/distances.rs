@@ -87,6 +87,7 @@ fn beyond_chi_square(value: f64, freedom: usize) -> f64 {
 ///
 /// # Errors
 /// [`PoseError::BadDistance`] for what is no measurement; [`PoseError::LooseNetwork`] where points can move;
+/// [`PoseError::FlatNetwork`] where they are so nearly in one plane that distances do not hold them out of it;
 /// [`PoseError::NetworkDisagrees`] where measurements contradict each other and no single one explains it.
 pub fn points_from_distances(
     names: &[String],

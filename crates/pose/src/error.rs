@@ -25,6 +25,19 @@ pub enum PoseError {
         /// Motions that no measurement holds.
         more: usize,
     },
+    /// A network of distances so near to one plane that these do not show on which side of it a point is.
+    #[error(
+        "the points are nearly in one plane: {:.0} mm out of it, uncertain by {:.0} mm; hang some balls further out of it, or \
+         measure with less than {:.1} mm of standard deviation", 1e3 * thickness_m, 1e3 * std_m, 1e3 * tape_std_m
+    )]
+    FlatNetwork {
+        /// How far the points are out of their plane, root mean square.
+        thickness_m: f64,
+        /// Standard deviation of that direction.
+        std_m: f64,
+        /// Of a distance, as stated.
+        tape_std_m: f64,
+    },
     /// Distances that contradict each other.
     #[error(
         "the measured distances contradict each other, by {ratio:.1} times their standard deviations: {}{worst}; measure these again, or state a larger standard deviation", if *is_one_of { "it may be any of " } else { "the largest residuals are " }

@@ -1,8 +1,9 @@
 //! Distances between control balls as they are written down.
 
 use crate::SessionError;
-use crate::table::Table;
+use crate::table::{Row, Table};
 use mavsight_pose::{MeasuredBetween, NetworkMeasurement};
+use std::collections::HashSet;
 use std::path::Path;
 
 /// What stands in the column `to` where a row is a height.
@@ -22,17 +23,37 @@ pub struct DistanceTable {
 impl DistanceTable {
     /// Reads `from,to,distance_m` and, if it is there, `std_m`; a cell of it that is empty is the tape's, `tape_std_m`.
     ///
+    /// A row whose distance is empty was not measured. Its names count for the order of the points, unless nothing was
+    /// measured of them at all.
+    ///
     /// # Errors
-    /// Names the file, row and column.
+    /// Names the file, row and column; a table without any measurement.
     pub fn read(path: &Path, tape_std_m: f64) -> Result<Self, SessionError> {
         let table = Table::read(path, "distances")?;
         let [from, to, distance] = table.columns(["from", "to", "distance_m"])?;
         let std = table.column("std_m").ok();
         let mut all = Self::default();
+        let is_measured = |row: &Row<'_>| !row.text(distance).is_empty();
+        let measured_names: HashSet<&str> =
+            table.rows()?.filter(is_measured).flat_map(|row| [row.text(from), row.text(to)]).collect();
         for row in table.rows()? {
+            for name in [row.text(from), row.text(to)].into_iter().filter(|n| *n != FLOOR) {
+                if measured_names.contains(name) {
+                    all.point(name);
+                }
+            }
+            if !is_measured(&row) {
+                continue;
+            }
             let std_m = std.map_or(Ok(None), |column| row.number_if_any(column))?.unwrap_or(tape_std_m);
             let added = all.add([row.text(from), row.text(to), row.text(distance)], std_m);
             added.map_err(|detail| row.refuse(distance, detail))?;
+        }
+        if all.measured.is_empty() {
+            return Err(SessionError::file(
+                path,
+                "no distance is filled in: write what was measured in metres, as 3.002",
+            ));
         }
         Ok(all)
     }
@@ -84,5 +105,22 @@ mod tests {
         assert_eq!(between[1], (MeasuredBetween::Height(1), 0.05));
         assert_eq!(between[2], (MeasuredBetween::Plumb(2, 0), 0.0));
         assert!(all.add(["red", "blue", "3 m"], 0.002).unwrap_err().contains("3.002"));
+    }
+    #[test]
+    fn rows_without_a_distance_were_not_measured() {
+        let folder = tempfile::TempDir::new().unwrap();
+        let path = folder.path().join("distances.csv");
+        let read = |rows: &str| {
+            std::fs::write(&path, format!("from,to,distance_m,std_m\n{rows}")).unwrap();
+            DistanceTable::read(&path, 0.002)
+        };
+        let all =
+            read("red,green,,\nred,blue,3.1,\nred,brown,,\ngreen,floor,0.05,0.001\nbrown,floor,,\n").unwrap();
+        // The order is that of the form; brown was not measured at all.
+        assert_eq!(all.names, ["red", "green", "blue"]);
+        let stds: Vec<f64> = all.measured.iter().map(|m| m.std_m).collect();
+        assert_eq!(stds, [0.002, 0.001]);
+        let refused = read("red,green,,\n").unwrap_err().to_string();
+        assert!(refused.contains("no distance is filled in"), "{refused}");
     }
 }

@@ -5,7 +5,7 @@ use crate::files::PartFile;
 use crate::table::{Row, Table, csv_lines, write_csv};
 use mavsight_flight::{Color, InputSeries, SensorSeries, Vehicle};
 use mavsight_model::Model;
-use mavsight_pipeline::{ControlPixel, ControlPointRow};
+use mavsight_pipeline::{CLICKED_STD_PX, ControlPixel, ControlPointRow};
 use std::fmt::Write as _;
 use std::io::Write;
 use std::path::Path;
@@ -205,7 +205,7 @@ pub fn write_control_points(path: &Path, points: &[ControlPointRow]) -> Result<(
     write_csv(path, CONTROL_COLUMNS.into_iter().chain(surveyed.then_some(SURVEY_COLUMN)), rows)
 }
 
-/// Reads `camera,name,u_px,v_px`; every camera and name must be among those given.
+/// Reads `camera,name,u_px,v_px` and, if it is there, `std_px`; every camera and name must be among those given.
 ///
 /// # Errors
 /// Names the file, row and column.
@@ -216,13 +216,21 @@ pub fn read_control_pixels(
 ) -> Result<Vec<ControlPixel>, SessionError> {
     let table = Table::read(path, "control pixels")?;
     let [camera, name, u, v] = table.columns(["camera", "name", "u_px", "v_px"])?;
+    let std = table.column("std_px").ok();
     let mut pixels: Vec<ControlPixel> = Vec::new();
     for row in table.rows()? {
         row.place_in(camera, cameras)?;
         row.place_in(name, names)?;
         let [u_px, v_px] = row.numbers([u, v])?;
-        let pixel =
-            ControlPixel { camera: row.text(camera).to_owned(), name: row.text(name).to_owned(), u_px, v_px };
+        let std_px = std.map_or(Ok(None), |column| match row.number_if_any(column)? {
+            Some(std_px) if std_px <= 0.0 => {
+                Err(row.refuse(column, "no click is exact: give what is above 0"))
+            }
+            given => Ok(given),
+        })?;
+        let (of, point) = (row.text(camera).to_owned(), row.text(name).to_owned());
+        let std_px = std_px.unwrap_or(CLICKED_STD_PX);
+        let pixel = ControlPixel { camera: of, name: point, u_px, v_px, std_px };
         if pixels.iter().any(|p| p.camera == pixel.camera && p.name == pixel.name) {
             let detail = format!("{} is there twice for {}: keep one", pixel.name, pixel.camera);
             return Err(row.refuse(name, detail));
@@ -230,6 +238,18 @@ pub fn read_control_pixels(
         pixels.push(pixel);
     }
     Ok(pixels)
+}
+
+/// Writes control pixels.
+///
+/// # Errors
+/// What the file system refuses.
+pub fn write_control_pixels(path: &Path, pixels: &[ControlPixel]) -> Result<(), SessionError> {
+    let digits = |px: f64| format!("{px:.4}");
+    let row = |p: &ControlPixel| {
+        [p.camera.clone(), p.name.clone(), digits(p.u_px), digits(p.v_px), digits(p.std_px)]
+    };
+    write_csv(path, ["camera", "name", "u_px", "v_px", "std_px"], pixels.iter().map(row))
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! What may be typed of `new` and `check`.
+//! What may be typed of `new`, `check` and `pick`.
 
 use clap::Args;
 use std::path::PathBuf;
@@ -76,4 +76,20 @@ pub(crate) struct Check {
     /// The page to write [default: check.html beside the session file]
     #[arg(long, value_name = "FILE")]
     pub(crate) out: Option<PathBuf>,
+}
+
+/// `pick`
+#[cfg(feature = "page")]
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  mavsight pick my-flight/session.toml\n\n\
+Serves a page on which one click on a ball names it as a control point: its centre is fitted as in a run, the calibration\n\
+is solved again after each click, and the point that disagrees is named. Save writes control_pixels.csv, the balls'\n\
+colours in the table of control points, and `observations` in the session; what was there is kept as .bak.")]
+pub(crate) struct Pick {
+    /// The session file, or the folder that holds it
+    #[arg(value_name = "SESSION.toml")]
+    pub(crate) session: PathBuf,
+    /// Address of the page [default: 127.0.0.1:8751]
+    #[arg(long, value_name = "ADDRESS:PORT")]
+    pub(crate) serve: Option<std::net::SocketAddr>,
 }

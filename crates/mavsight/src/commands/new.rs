@@ -16,6 +16,7 @@ use mavsight_pipeline::ControlPointRow;
 use mavsight_pose::{PointNetwork, points_from_distances};
 use mavsight_session::{DistanceTable, read_control_points, read_image};
 use mavsight_vision::Frame;
+pub(super) use read::color as word_color;
 use std::path::{Path, PathBuf};
 
 /// What is known of the session once all is answered.

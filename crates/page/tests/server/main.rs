@@ -12,10 +12,10 @@ use std::time::{Duration, Instant};
 
 use client::{
     ask, assert_still_serving, connect, detections, get, limits, next_text, note, open, rest_of, start,
-    status, wait_for,
+    status, token, wait_for,
 };
 use mavsight_link::{CameraState, Event};
-use mavsight_page::{Command, Limits, Reach, Server};
+use mavsight_page::{Command, Limits, Reach, Reply, Server};
 use tungstenite::Message;
 
 #[test]
@@ -270,4 +270,29 @@ fn a_page_that_has_gone_without_a_word_is_left() {
         server.listeners() == 1
     });
     drop(silent);
+}
+
+#[test]
+fn a_page_of_another_kind_is_served_by_the_same_rules() {
+    let answer = |path: &str, query: &str| {
+        let is_known = path == "state" || path == "do/save";
+        is_known.then(|| Reply { media_type: "text/plain", text: format!("{path}?{query}") })
+    };
+    let address = "127.0.0.1:0".parse().unwrap();
+    let server = Server::start_site(address, Reach::Loopback, limits(), answer).unwrap();
+    let own = "x-mavsight: page\r\n";
+    let save = format!("/{}/do/save", token(&server));
+    assert!(get(&server, "/state?a=1", "").ends_with("state?a=1"));
+    assert!(get(&server, &save, own).ends_with("do/save?"));
+    // Without the token a program on this machine may look alone.
+    assert_eq!(status(&get(&server, "/do/save", own)), 403);
+    // As a link or a form of another page would ask, with whatever origin.
+    assert_eq!(status(&get(&server, &save, "")), 403);
+    assert_eq!(status(&get(&server, &save, "x-mavsight: other\r\n")), 403);
+    assert_eq!(status(&get(&server, &save, "Origin: http://evil.example\r\nx-mavsight: page\r\n")), 403);
+    let preflight = format!("OPTIONS {save} HTTP/1.1\r\nHost: {}\r\n\r\n", server.address());
+    assert_eq!(status(&ask(&server, preflight.as_bytes())), 405);
+    for nothing in ["/", "/page.js", "/events"] {
+        assert_eq!(status(&get(&server, nothing, "")), 404, "{nothing}");
+    }
 }

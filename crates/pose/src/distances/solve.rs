@@ -114,9 +114,36 @@ pub(super) fn solve(names: &[String], measured: &[NetworkMeasurement]) -> Result
         let v = eigen.eigenvectors.column(*k);
         covariance_m2 += v * v.transpose() / eigen.eigenvalues[*k];
     }
+    refuse_flat(&points_m, &covariance_m2, measured)?;
     let residuals_m = measured.iter().map(|m| residual_m(&points_m, m)).collect();
     let redundancy = (slopes.nrows() + open).saturating_sub(slopes.ncols());
     Ok(Solved { points_m, covariance_m2, residuals_m, redundancy, chi_square })
+}
+
+/// Refuses points near one plane. A distance changes there by the square of what a point moves out of the plane: where that
+/// is not small against the standard deviation of a distance, and the points are no further out than the law of errors reaches,
+/// noise alone lifts them out, and their covariance says nothing.
+fn refuse_flat(
+    points_m: &[Vector3<f64>],
+    covariance_m2: &DMatrix<f64>,
+    measured: &[NetworkMeasurement],
+) -> Result<(), PoseError> {
+    let count = points_m.len().max(1) as f64;
+    let middle = points_m.iter().sum::<Vector3<f64>>() / count;
+    let spread: Matrix3<f64> = points_m.iter().map(|p| (p - middle) * (p - middle).transpose()).sum();
+    let eigen = (spread / count).symmetric_eigen();
+    let across = eigen.eigenvalues.imin();
+    let (normal, thickness_m) =
+        (eigen.eigenvectors.column(across), eigen.eigenvalues[across].max(0.0).sqrt());
+    let var_m2 = |k: usize| (normal.transpose() * covariance_m2.fixed_view::<3, 3>(3 * k, 3 * k) * normal).x;
+    let std_m = ((0..points_m.len()).map(var_m2).sum::<f64>() / count).sqrt();
+    let is_distance = |m: &&NetworkMeasurement| matches!(m.between, MeasuredBetween::Distance(..));
+    let tape_std_m = measured.iter().filter(is_distance).map(|m| m.std_m).fold(f64::INFINITY, f64::min);
+    let bends = std_m * std_m > FREE * spread_m(points_m) * tape_std_m;
+    if bends && std_m > FREE * thickness_m {
+        return Err(PoseError::FlatNetwork { thickness_m, std_m, tape_std_m });
+    }
+    Ok(())
 }
 
 /// The points that can move: those of the largest parts in what is free beyond shifts and turns of the whole.

@@ -143,6 +143,29 @@ fn a_network_that_can_move_is_refused() {
     assert!(points_from_distances(&names(), &bad).unwrap_err().to_string().contains("twice"));
 }
 
+/// Balls in one plane, or nearly so: noise lifts them out of it further than any covariance says.
+#[test]
+fn a_flat_network_is_refused() {
+    for seed in 0..40 {
+        let mut random = Random::new(8, seed);
+        let off_m = if seed % 2 == 0 { 0.0 } else { 0.01 };
+        let flat = |(k, p): (usize, &Vector3<f64>)| {
+            Vector3::new(p.x + 0.2 * k as f64, p.y, if k % 2 == 0 { off_m } else { 0.0 })
+        };
+        let flat: Vec<Vector3<f64>> = frame(&mut random).iter().enumerate().map(flat).collect();
+        let mut measured = distances(&flat, || random.normal());
+        let refused = points_from_distances(&names(), &measured).unwrap_err();
+        assert!(
+            matches!(refused, PoseError::LooseNetwork { .. } | PoseError::FlatNetwork { .. }),
+            "{seed}: {refused}"
+        );
+        // Heights of all of them hold them.
+        measured.extend((0..8).map(|k| measure(MeasuredBetween::Height(k), &flat, random.normal())));
+        let held = points_from_distances(&names(), &measured).unwrap();
+        assert!((0..8).all(|k| (held.points_m[k].z - flat[k].z).abs() < 4.0 * TAPE_STD_M), "{seed}");
+    }
+}
+
 /// Strings with weights give the vertical without any height.
 #[test]
 fn plumb_lines_stand_upright() {

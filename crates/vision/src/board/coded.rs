@@ -114,9 +114,19 @@ impl CodedBoard {
         all.filter(|(i, j)| (i + j + first) % 2 == 1).collect()
     }
 
+    /// Modules along a marker's side, its border included.
+    pub fn modules(&self) -> usize {
+        self.dictionary.side() + 2
+    }
+
+    /// Side of a marker over that of a square.
+    pub fn marker_share(&self) -> f64 {
+        self.marker_share
+    }
+
     /// Whether a point of the square with a marker is white, coordinates from 0 to 1.
     pub fn is_white(&self, marker: usize, x: f64, y: f64) -> bool {
-        let modules = self.dictionary.side() as f64 + 2.0;
+        let modules = self.modules() as f64;
         let module = |v: f64| (v - 0.5 * (1.0 - self.marker_share)) / self.marker_share * modules;
         let (i, j) = (module(x), module(y));
         let is_marker = (0.0..modules).contains(&i) && (0.0..modules).contains(&j);

@@ -22,7 +22,7 @@ const WORDS: [(&str, &str); 14] = [
 ];
 
 /// A colour as `#rrggbb`, or by its word with what follows it, as `red2`.
-pub(super) fn color(text: &str) -> Result<Color, String> {
+pub(in crate::commands) fn color(text: &str) -> Result<Color, String> {
     let word = text.trim_end_matches(|c: char| c.is_ascii_digit() || c == '-' || c == '_').to_lowercase();
     let known = WORDS.iter().find(|(name, _)| *name == word).map_or(text, |(_, code)| code);
     Color::parse(known).map_err(|_| {

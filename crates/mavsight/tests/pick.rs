@@ -1,0 +1,136 @@
+//! Control points clicked by a client of the page, beside their centres, against `calibrate`.
+
+#![cfg(feature = "page")]
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use common::{Session, mavsight};
+use mavsight::geometry::Vector2;
+use mavsight::pose::Rig;
+use mavsight::session::{self, read_control_points};
+use serde_json::Value;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+
+/// The page, ended with the test.
+struct Page {
+    process: Child,
+    address: String,
+    token: String,
+}
+
+impl Page {
+    fn open(session: &Path) -> Self {
+        let mut process = Command::new(env!("CARGO_BIN_EXE_mavsight"))
+            .args(["pick", "--serve", "127.0.0.1:0"])
+            .arg(session)
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut line = String::new();
+        BufReader::new(process.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        let mut url = line.split("http://").nth(1).unwrap().split('/').map(str::to_owned);
+        Self { process, address: url.next().unwrap(), token: url.next().unwrap() }
+    }
+
+    /// Status and body of an answer.
+    fn get(&self, path: &str, header: &str) -> (u16, String) {
+        let mut stream = TcpStream::connect(&self.address).unwrap();
+        write!(stream, "GET /{}/{path} HTTP/1.1\r\nHost: {}\r\n{header}\r\n", self.token, self.address)
+            .unwrap();
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).unwrap();
+        let (head, body) = answer.split_once("\r\n\r\n").unwrap();
+        (head.split(' ').nth(1).unwrap().parse().unwrap(), body.to_owned())
+    }
+
+    fn ask(&self, path: &str) -> Value {
+        let (status, body) = self.get(path, "x-mavsight: page\r\n");
+        assert_eq!(status, 200, "{path}: {body}");
+        serde_json::from_str(&body).unwrap()
+    }
+
+    fn pick(&self, camera: usize, point: usize, at: Vector2<f64>) -> Value {
+        self.ask(&format!("do/pick?camera={camera}&point={point}&u_px={}&v_px={}", at.x, at.y))
+    }
+}
+
+impl Drop for Page {
+    fn drop(&mut self) {
+        self.process.kill().unwrap();
+        self.process.wait().unwrap();
+    }
+}
+
+/// What `calibrate` makes of a session.
+fn calibrated(flight: &Session, results: &str) -> Rig {
+    let out = flight.path(results);
+    mavsight().arg("calibrate").arg(flight.path("session.toml")).arg("--out").arg(&out).assert().success();
+    session::read_rig(&out.join("rig.toml")).unwrap()
+}
+
+#[test]
+fn coarse_clicks_give_the_calibration_of_the_stills_and_a_wrong_one_is_named() {
+    let flight = Session::new();
+    let points = read_control_points(&flight.path("control_points.csv")).unwrap();
+    let by_stills = calibrated(&flight, "by-stills");
+    let page = Page::open(&flight.path("session.toml"));
+    let (status, html) = page.get("", "");
+    assert!(status == 200 && html.contains("Control points"), "{status}");
+    assert!(page.get("still?camera=0", "").1.starts_with("data:image/jpeg;base64,"));
+    // A link on another page cannot do anything here.
+    assert_eq!(page.get("do/save", "").0, 403);
+    assert_eq!(page.get("do/pick?camera=0", "x-mavsight: page\r\n").0, 404);
+
+    let nothing = page.pick(0, 0, Vector2::new(2.0, 2.0));
+    assert!(nothing["said"].as_str().unwrap().contains("click on a ball"), "{nothing}");
+    let early = page.ask("do/save");
+    assert!(early["said"].as_str().unwrap().contains("six points or more of"), "{early}");
+
+    let place = |camera: usize, point: usize| {
+        let camera = &by_stills.cameras[camera].camera;
+        camera.project(&points[point].position_m.into()).unwrap().pixel
+    };
+    // Three pixels beside the centre, each in another direction.
+    let beside = |k: usize| Vector2::new(f64::cos(2.4 * k as f64), f64::sin(2.4 * k as f64)) * 3.0;
+    for (camera, point) in (0..2).flat_map(|c| (0..points.len()).map(move |p| (c, p))) {
+        let state = page.pick(camera, point, place(camera, point) + beside(camera + point));
+        assert_eq!(state["said"], "", "{state}");
+    }
+    let state = page.ask("state");
+    assert_eq!(state["wrong"].as_array().unwrap().len(), 0, "{state}");
+    for ball in state["picked"].as_array().unwrap() {
+        assert!(ball["residual_px"].as_f64().unwrap() < 0.3, "{ball}");
+    }
+
+    // The last point's name on the ball of the one before.
+    let last = points.len() - 1;
+    let taken = page.pick(0, last, place(0, last - 1));
+    assert!(
+        taken["said"].as_str().unwrap().contains(&format!("is {} already", points[last - 1].name)),
+        "{taken}"
+    );
+    page.ask(&format!("do/forget?camera=0&point={}", last - 1));
+    let wrong = page.pick(0, last, place(0, last - 1));
+    let named: Vec<&str> = wrong["wrong"].as_array().unwrap().iter().map(|w| w.as_str().unwrap()).collect();
+    assert!(!named.is_empty() && named.iter().all(|text| text.contains(&points[last].name)), "{wrong}");
+    page.pick(0, last, place(0, last));
+    page.pick(0, last - 1, place(0, last - 1));
+
+    let saved = page.ask("do/save");
+    assert!(saved["said"].as_str().unwrap().starts_with("Saved: "), "{saved}");
+    for name in ["session.toml.bak", "control_points.csv.bak"] {
+        assert!(flight.path(name).exists(), "{name}");
+    }
+    let by_clicks = calibrated(&flight, "by-clicks");
+    for (a, b) in by_stills.cameras.iter().zip(&by_clicks.cameras) {
+        let apart_m = a.camera.centre_in_world() - b.camera.centre_in_world();
+        for axis in 0..3 {
+            let std_m = a.centre_std_m[axis].hypot(b.centre_std_m[axis]);
+            assert!(apart_m[axis].abs() < 2.0 * std_m, "{}: {apart_m} with {}", a.name, b.centre_std_m);
+        }
+    }
+}
