@@ -23,8 +23,8 @@ fn main() -> Result<()> {
         survive(flight(&program, folder, None), &program, folder, Some(after))
     };
     let filled = |random: &mut Random, folder: &Path| {
-        // Blocks of half a kilobyte or of one, as the shell counts: 1 to 40 MB.
-        let blocks = random.between(2e3, 4e4) as u64;
+        // Blocks of half a kilobyte or of one, as the shell counts: 4 to 40 MB, of 43 that a film has.
+        let blocks = random.between(8e3, 4e4) as u64;
         survive(flight(&program, folder, Some(blocks)), &program, folder, None)
     };
     report("killed", kills, &mut random, killed)?;

@@ -104,7 +104,7 @@ fn what_was_announced_as_recorded_is_whole_where_the_disk_ends() {
     let program = Path::new(env!("CARGO_BIN_EXE_mavsight"));
     let dir = tempfile::TempDir::new().expect("a folder");
     let folder = dir.path().join("flight");
-    let flight = survivors::flight(program, &folder, Some(8192));
+    let flight = survivors::flight(program, &folder, Some(32768));
     let survived = survivors::survive(flight, program, &folder, None).expect("whole");
     assert!(survived.instants >= 5 && survived.fault.is_some(), "{survived:?}");
 }
