@@ -97,6 +97,9 @@ fn upgrade(path: &str, host: &str, origin: &str) -> Vec<u8> {
     .into_bytes()
 }
 
+const OTHER_FILES: [&str; 4] =
+    ["/../../../../etc/passwd", "/%2e%2e/%2e%2e/etc/passwd", "/..%2f..%2fetc/passwd", "//etc/passwd"];
+
 fn kinds(address: SocketAddr) -> Vec<Kind> {
     let own = address.to_string();
     let origin = format!("http://{own}");
@@ -167,11 +170,7 @@ fn kinds(address: SocketAddr) -> Vec<Kind> {
         ),
         Kind { reads: false, ..page("no reader", Vec::new(), 0) },
     ];
-    for path in
-        ["/../../../../etc/passwd", "/%2e%2e/%2e%2e/etc/passwd", "/..%2f..%2fetc/passwd", "//etc/passwd"]
-    {
-        all.push(kind("other files", [get(path), b"\r\n".to_vec()].concat()));
-    }
+    all.extend(OTHER_FILES.map(|path| kind("other files", [get(path), b"\r\n".to_vec()].concat())));
     all
 }
 
