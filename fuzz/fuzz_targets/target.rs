@@ -11,9 +11,8 @@ static TARGET: LazyLock<&Target> = LazyLock::new(|| {
 });
 
 fuzz_target!(|bytes: &[u8]| {
-    let mut bytes = bytes.to_vec();
-    if let Some(repair) = TARGET.repair {
-        repair(&mut bytes);
+    match TARGET.repair {
+        Some(repair) => drop((TARGET.run)(&repair(bytes.to_vec()))),
+        None => drop((TARGET.run)(bytes)),
     }
-    drop((TARGET.run)(&bytes));
 });

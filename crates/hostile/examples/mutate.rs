@@ -97,7 +97,7 @@ fn attack(target: &'static Target, seed: u64, from: u64, to: u64) {
     let seeds = (target.seeds)();
     let (mut read, mut refused, mut slowest) = (0_u64, 0_u64, (Duration::ZERO, 0));
     for number in from..to {
-        if number % every == 0 {
+        if number.is_multiple_of(every) {
             println!("at {number}");
         }
         let bytes = input(target, &seeds, seed, number);

@@ -53,7 +53,7 @@ impl<'a> Numbers<'a> {
     pub(crate) fn near(&mut self, middle: f64, within: f64) -> f64 {
         let share = self.word() as f64 / (1_u64 << 53) as f64;
         let mut number = middle + within * (2.0 * share - 1.0);
-        if self.wild > 0 && self.word() % self.wild == 0 {
+        if self.wild > 0 && self.word().is_multiple_of(self.wild) {
             number = match self.below(WILD.len() + 2) {
                 0 => self.before,
                 1 => -number,

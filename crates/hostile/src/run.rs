@@ -13,7 +13,7 @@ pub fn input(target: &Target, seeds: &[Vec<u8>], seed: u64, number: u64) -> Vec<
     if let Some(repair) = target.repair
         && !mutator.chance(4)
     {
-        repair(&mut bytes);
+        bytes = repair(bytes);
     }
     bytes
 }

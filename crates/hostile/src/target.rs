@@ -55,7 +55,7 @@ pub struct Target {
     /// Small inputs that are right, of which others are mutations.
     pub seeds: fn() -> Vec<Vec<u8>>,
     /// Repairs what a reader would refuse a mutation for before it looks any further: checksums, lengths.
-    pub repair: Option<fn(&mut Vec<u8>)>,
+    pub repair: Option<fn(Vec<u8>) -> Vec<u8>>,
     /// What is attacked. It panics where a result breaks its own promise.
     pub run: fn(&[u8]) -> Outcome,
 }
@@ -71,7 +71,7 @@ impl Target {
         Self { name, kind, seeds, repair: None, run }
     }
 
-    pub(crate) const fn repaired_by(mut self, repair: fn(&mut Vec<u8>)) -> Self {
+    pub(crate) const fn repaired_by(mut self, repair: fn(Vec<u8>) -> Vec<u8>) -> Self {
         self.repair = Some(repair);
         self
     }

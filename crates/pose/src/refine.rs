@@ -215,14 +215,14 @@ impl Bundle<'_> {
         let Minimum { covariance, reduced, before } = found;
         let factor = covariance.clone().cholesky().ok_or(not_converged(reduced))?.unpack();
         let mut uncertainty = &self.directions * factor;
-        if !uncertainty.iter().all(|x| x.is_finite()) {
-            return Err(not_converged(reduced));
-        }
         // Of the markers the shape: a flight does not determine a common shift or turn.
         let (first, rows) = (self.shared.first_point(), 3 * self.nominal.len());
         let shape = DMatrix::identity(rows, rows) - self.rigid_motions();
         let of_shape = shape * uncertainty.rows(first, rows);
         uncertainty.rows_mut(first, rows).copy_from(&of_shape);
+        if !uncertainty.iter().all(|x| x.is_finite()) {
+            return Err(not_converged(reduced));
+        }
         let std_m = |m: usize| Vector3::from_fn(|axis, _| of_shape.row(3 * m + axis).norm());
         Ok(RefinedFlight {
             rig: self.refined_rig(&uncertainty),

@@ -176,7 +176,7 @@ pub(super) fn png_images() -> Vec<Vec<u8>> {
 }
 
 /// Sets the checksums of a PNG's chunks right.
-pub(super) fn repair_png(bytes: &mut Vec<u8>) {
+pub(super) fn repair_png(mut bytes: Vec<u8>) -> Vec<u8> {
     let mut at = 8;
     while let Some(head) = bytes.get(at..at + 8) {
         let length = u32::from_be_bytes([head[0], head[1], head[2], head[3]]) as usize;
@@ -185,6 +185,7 @@ pub(super) fn repair_png(bytes: &mut Vec<u8>) {
         bytes[end..end + 4].copy_from_slice(&checksum);
         at = end + 4;
     }
+    bytes
 }
 
 pub(super) fn jpeg_images() -> Vec<Vec<u8>> {

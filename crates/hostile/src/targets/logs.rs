@@ -24,9 +24,10 @@ pub(super) fn log(bytes: &[u8]) -> Outcome {
 }
 
 /// Sets the checksum at a log's end right.
-pub(super) fn repair_crazyflie(bytes: &mut Vec<u8>) {
+pub(super) fn repair_crazyflie(mut bytes: Vec<u8>) -> Vec<u8> {
     let end = bytes.len().saturating_sub(4);
     let checksum = crc32fast::hash(&bytes[..end]).to_le_bytes();
     bytes.truncate(end);
     bytes.extend(checksum);
+    bytes
 }

@@ -68,8 +68,8 @@ pub(super) fn mavlink_packets() -> Vec<Vec<u8>> {
 }
 
 /// Sets the checksum of the first frame right.
-pub(super) fn repair_mavlink(bytes: &mut Vec<u8>) {
-    let Some([0xfd, length, ..]) = bytes.get(..10) else { return };
+pub(super) fn repair_mavlink(mut bytes: Vec<u8>) -> Vec<u8> {
+    let Some([0xfd, length, ..]) = bytes.get(..10) else { return bytes };
     let end = 10 + usize::from(*length);
     let extra = if bytes[7] == 111 { 34 } else { 50 };
     if let Some(content) = bytes.get(1..end) {
@@ -77,6 +77,7 @@ pub(super) fn repair_mavlink(bytes: &mut Vec<u8>) {
         bytes.resize(bytes.len().max(end + 2), 0);
         bytes[end..end + 2].copy_from_slice(&checksum);
     }
+    bytes
 }
 
 pub(super) fn mavlink(bytes: &[u8]) -> Outcome {
