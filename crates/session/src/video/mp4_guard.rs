@@ -132,7 +132,7 @@ mod tests {
 
     #[test]
     fn a_box_of_size_zero_inside_another_is_refused_and_not_read_for_ever() {
-        let said = refusal(b"avcC", -4, &[0; 4]);
+        let said = refusal(b"avcC", -4, b"\0\0\0\0free");
         assert!(said.contains("circles") && said.contains("copy it again"), "{said}");
     }
 
