@@ -84,8 +84,8 @@ impl Options {
 /// time, are not fitted.
 ///
 /// # Errors
-/// Times of the motion that do not increase; inputs that do not cover the flight or lack a column; equations that are no regression
-/// ([`mavsight_model::regression`]), or none; a signal that is not finite, a scale that is not above zero; a
+/// Times of the motion that do not increase; inputs that do not cover the flight or lack a column; equations
+/// that are no regression ([`mavsight_model::regression`]), or none; a signal that is not finite, a scale that is not above zero; a
 /// bandwidth that is not positive, an empty motion, or states that rates drive where the motion has a gap in
 /// time, over which rates cannot be integrated.
 pub fn coefficients(

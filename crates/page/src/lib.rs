@@ -8,7 +8,8 @@
 //! [`Server::start_site`] serves a page of another kind by the same rules.
 //!
 //! Only this machine is served unless [`Reach::Network`] permits more, and then only with the token of the
-//! printed address; without it nobody gives commands. Pages of other origins, and host names that lead here by DNS rebinding, are refused.
+//! printed address; without it nobody gives commands. Pages of other origins, and host names that lead here by
+//! DNS rebinding, are refused.
 
 mod access;
 mod answer;

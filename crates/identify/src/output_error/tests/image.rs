@@ -180,6 +180,11 @@ fn what_is_held_out_is_predicted_and_enters_no_fit() {
             let noise = if coordinate.len() == 1 { 5e-4 } else { 9e-4 };
             assert!(a.rms < 3.0 * noise, "{name} {coordinate}: {a:?}");
         }
+        // The part is one second long: its start is filtered from the poses before it.
+        let ahead = fit.ahead.expect("a prediction");
+        assert_eq!((ahead.count, ahead.ran_away), (1, 0), "{name}");
+        let by_model = ahead.model.expect("a pose");
+        assert!(by_model.attitude_rad < ahead.held.attitude_rad, "{name}: {ahead:?}");
         let model = FlightModel::new(&vehicle, &inputs).expect("a model");
         let mut wrong = fit.clone();
         wrong.parameters.iter_mut().filter(|p| p.name.starts_with("C_m,alpha")).for_each(|p| p.value *= 1.2);
