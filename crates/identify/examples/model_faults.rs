@@ -1,15 +1,17 @@
 //! What intervals say of flights whose model is wrong, or whose inputs are, beside the same flights without the fault.
 //!
-//! `cargo run --release -p mavsight-identify --example model_faults -- FLIGHTS [FAULT]`: simulated flights of six seconds
+//! `cargo run --release -p mavsight-identify --example model_faults -- FLIGHTS [FAULT...]`: simulated flights of six seconds
 //! of the coaxial helicopter of docs/shelf, poses good to 0.5 mm and 0.05 degrees at 30 Hz, inputs on the clock of the
-//! poses. Each flight has manoeuvres of its own size and errors of its own, and is identified twice, with the fault and
-//! without. For each fault: how many intervals hold the truth, of all parameters and of those that the fault does not
+//! poses. Each flight has manoeuvres of its own size, errors of its own and moments of inertia of its own, which differ
+//! from those of the vehicle's file by as much as the file says; it is identified twice, with the fault and without. For each fault: how many intervals hold the truth, of all parameters and of those that the fault does not
 //! touch; how many flights have a parameter that the fault moves by more than its standard deviation, and in how many of
 //! these, and of those without fault, the model is said to lack something. Seeds are fixed.
 
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::{Isometry3, Matrix6, UnitQuaternion, Vector3};
-use mavsight_identify::output_error::{FlightFitOptions, FlightFits, InputClock, OutputErrorFit};
+use mavsight_identify::output_error::{
+    FittedParameter, FlightFitOptions, FlightFits, InputClock, OutputErrorFit,
+};
 use mavsight_model::Model;
 use mavsight_pose::{PoseEstimate, PoseSample};
 use mavsight_random::Random;
@@ -26,6 +28,8 @@ const TURN_DEG: f64 = 0.05;
 /// A parameter is not touched by a fault that moves its estimate by less than this share of its standard deviation,
 /// root mean square over all flights: its intervals would then hold at least 92 % of what they should hold 95 %.
 const UNTOUCHED: f64 = 0.5;
+/// Of the moments of inertia in the vehicle's file, as shares of them.
+const INERTIA_STD: f64 = 0.1;
 const DURATION_S: f64 = 6.0;
 const FRAME_RATE_HZ: f64 = 30.0;
 const THREADS: usize = 2;
@@ -39,7 +43,7 @@ enum Fault {
     Delay,
     /// A force of 10 % of the weight (root mean square along each axis, correlated over 0.1 s), for half a second.
     Gust,
-    /// Moments of inertia 10 % too small in the vehicle's file, which says of all flights that they are known to 10 %.
+    /// Moments of inertia 10 % too small in the vehicle's file, in all flights alike.
     Inertia,
     /// The swash-plate turned by 5 degrees.
     ServoAxis,
@@ -58,17 +62,15 @@ impl Fault {
         }
     }
 
-    /// The aircraft that flies where the vehicle's file has this fault.
-    fn aircraft(self, vehicle: &Vehicle) -> Result<Vehicle, Box<dyn Error>> {
-        let mut out = vehicle.clone();
+    /// The aircraft that flies with this fault, where the one that flies without it is `sound`.
+    fn aircraft(self, sound: &Vehicle) -> Result<Vehicle, Box<dyn Error>> {
+        let mut out = sound.clone();
         match self {
             Self::Drag => {
                 out.simulation.extend([("d_xy".to_owned(), 0.1), ("d_z".to_owned(), 0.1)]);
             }
             Self::Inertia => {
-                let [xx, yy, zz, ..] = vehicle.body().inertia_kg_m2;
-                let own = [("I_xx", xx), ("I_yy", yy), ("I_zz", zz)];
-                out.simulation.extend(own.map(|(name, value)| (name.to_owned(), 1.1 * value)));
+                out.simulation.extend(inertia(sound, [1.1; 3]));
             }
             Self::Gust => {
                 let inputs = GUSTS.map(|(axis, column)| {
@@ -144,12 +146,24 @@ impl Fault {
     }
 }
 
+/// Moments of inertia that fly, as shares of those of the vehicle's file.
+fn inertia(vehicle: &Vehicle, shares: [f64; 3]) -> [(String, f64); 3] {
+    let [xx, yy, zz, ..] = vehicle.body().inertia_kg_m2;
+    let [x, y, z] = shares;
+    [("I_xx", x * xx), ("I_yy", y * yy), ("I_zz", z * zz)].map(|(name, value)| (name.to_owned(), value))
+}
+
 const GUSTS: [(&str, &str); 3] = [("x", "gust_x_n"), ("y", "gust_y_n"), ("z", "gust_z_n")];
 
 /// The vehicle as its file has it, and the flight that it is asked for.
 struct Campaign {
     vehicle: Vehicle,
     scenario: Scenario,
+}
+
+/// A flight identified, and the values of its parameters that flew.
+struct Identified {
+    fits: FlightFits,
     truth: BTreeMap<String, f64>,
 }
 
@@ -157,13 +171,12 @@ impl Campaign {
     fn new() -> Result<Self, Box<dyn Error>> {
         let read = |file: &str| std::fs::read_to_string(format!("{SHELF}/{file}"));
         let mut vehicle: Vehicle = toml::from_str(&read("vehicle.toml")?)?;
-        vehicle.inertia_std_kg_m2 = vehicle.inertia_kg_m2.map(|i| 0.1 * i);
-        let truth = true_values(&vehicle);
-        Ok(Self { vehicle, scenario: toml::from_str(&read("scenario.toml")?)?, truth })
+        vehicle.inertia_std_kg_m2 = vehicle.inertia_kg_m2.map(|i| INERTIA_STD * i);
+        Ok(Self { vehicle, scenario: toml::from_str(&read("scenario.toml")?)? })
     }
 
     /// A flight with a fault, identified; none for the flight without one.
-    fn identified(&self, flight: usize, fault: Option<Fault>) -> Result<FlightFits, Box<dyn Error>> {
+    fn identified(&self, flight: usize, fault: Option<Fault>) -> Result<Identified, Box<dyn Error>> {
         let mut random = Random::new(34, flight as u64);
         let size = random.between(0.6, 1.1);
         let maneuver = self.scenario.maneuver.iter().map(|m| shortened(m.scaled(size))).collect();
@@ -174,7 +187,10 @@ impl Campaign {
             ..self.scenario.clone()
         };
         let recorded = scenario.inputs(&self.vehicle)?;
-        let aircraft = fault.map_or(Ok(self.vehicle.clone()), |f| f.aircraft(&self.vehicle))?;
+        let mut sound = self.vehicle.clone();
+        let shares = Random::new(36, flight as u64).normals().map(|normal| 1.0 + INERTIA_STD * normal);
+        sound.simulation.extend(inertia(&sound, shares));
+        let aircraft = fault.map_or(Ok(sound.clone()), |f| f.aircraft(&sound))?;
         let body = self.vehicle.body();
         // Errors of poses are the same with and without the fault.
         let mut of_fault = Random::new(35, flight as u64);
@@ -185,7 +201,8 @@ impl Campaign {
         let states = simulate(&aircraft, &acting, &scenario.start(&aircraft)?, &scenario.frame_times_s())?;
         let poses: Vec<PoseSample> = states.iter().map(|s| measured(s, &mut random)).collect();
         let options = FlightFitOptions { clock: InputClock::Known, ..FlightFitOptions::default() };
-        Ok(FlightFits::of_flight(&self.vehicle, &recorded, &poses, None, &options)?)
+        let fits = FlightFits::of_flight(&self.vehicle, &recorded, &poses, None, &options)?;
+        Ok(Identified { fits, truth: true_values(&aircraft) })
     }
 }
 
@@ -213,23 +230,25 @@ fn measured(state: &FlightState, random: &mut Random) -> PoseSample {
 fn main() -> Result<(), Box<dyn Error>> {
     let mut words = std::env::args().skip(1);
     let flights: usize = words.next().map_or(Ok(10), |w| w.parse())?;
-    let only = words.next();
+    let only: Vec<String> = words.collect();
     let campaign = Campaign::new()?;
     let sound = all(&campaign, flights, None);
     let raised = sound.iter().flatten().filter(|f| is_raised(f)).count();
     let count = sound.iter().flatten().count();
     println!("without fault: {count} flights, said to lack something {raised}");
-    for fault in Fault::ALL.into_iter().filter(|f| only.as_deref().is_none_or(|name| name == f.name())) {
+    for fault in
+        Fault::ALL.into_iter().filter(|f| only.is_empty() || only.iter().any(|name| name == f.name()))
+    {
         let faulty = all(&campaign, flights, Some(fault));
-        let pairs: Vec<(&FlightFits, &FlightFits)> =
+        let pairs: Vec<(&Identified, &Identified)> =
             sound.iter().zip(&faulty).filter_map(|(a, b)| Some((a.as_ref()?, b.as_ref()?))).collect();
-        print_fault(fault, &campaign.truth, &pairs);
+        print_fault(fault, &pairs);
     }
     Ok(())
 }
 
 /// All flights, in their order; none for one that could not be identified.
-fn all(campaign: &Campaign, flights: usize, fault: Option<Fault>) -> Vec<Option<FlightFits>> {
+fn all(campaign: &Campaign, flights: usize, fault: Option<Fault>) -> Vec<Option<Identified>> {
     let one = |flight: usize| {
         campaign
             .identified(flight, fault)
@@ -245,25 +264,30 @@ fn all(campaign: &Campaign, flights: usize, fault: Option<Fault>) -> Vec<Option<
 }
 
 /// Whether the fits say so: output error is refused, or the model is said to lack something.
-fn is_raised(fits: &FlightFits) -> bool {
+fn is_raised(Identified { fits, .. }: &Identified) -> bool {
     fits.poses.is_none() || fits.adequacy.lacks_something()
 }
 
-/// The error of a parameter over its standard deviation.
-fn error(fit: Option<&OutputErrorFit>, name: &str, truth: f64) -> Option<f64> {
-    let p = fit?.parameter(name)?;
-    Some((p.value - truth) / p.std)
+/// The estimate of a parameter.
+fn estimate<'a>(fit: Option<&'a OutputErrorFit>, name: &str) -> Option<&'a FittedParameter> {
+    fit?.parameter(name)
 }
 
-fn print_fault(fault: Fault, truth: &BTreeMap<String, f64>, pairs: &[(&FlightFits, &FlightFits)]) {
+/// Whether the interval of a parameter holds what flew.
+fn holds(fit: Option<&OutputErrorFit>, name: &str, of: &Identified) -> Option<bool> {
+    let p = estimate(fit, name)?;
+    Some((p.ci_low..=p.ci_high).contains(&of.truth[name]))
+}
+
+fn print_fault(fault: Fault, pairs: &[(&Identified, &Identified)]) {
     println!("{}: {} flights", fault.name(), pairs.len());
-    let Some(names) = pairs.iter().find_map(|(sound, _)| sound.poses.as_ref()) else { return };
+    let Some(names) = pairs.iter().find_map(|(sound, _)| sound.fits.poses.as_ref()) else { return };
     let mut moved = vec![0.0; pairs.len()];
     println!("{:14} {:>9} {:>8} {:>8} {:>8} {:>8}", "parameter", "moved", "oe", "fe", "oe sound", "fe sound");
     for name in names.parameters.iter().map(|p| p.name.as_str()) {
-        let true_value = truth[name];
-        let shift = |(sound, faulty): &(&FlightFits, &FlightFits)| {
-            let (a, b) = (sound.poses.as_ref()?.parameter(name)?, faulty.poses.as_ref()?.parameter(name)?);
+        let shift = |(sound, faulty): &(&Identified, &Identified)| {
+            let (a, b) =
+                (estimate(sound.fits.poses.as_ref(), name)?, estimate(faulty.fits.poses.as_ref(), name)?);
             Some((b.value - a.value) / b.std)
         };
         let shifts: Vec<Option<f64>> = pairs.iter().map(shift).collect();
@@ -272,16 +296,16 @@ fn print_fault(fault: Fault, truth: &BTreeMap<String, f64>, pairs: &[(&FlightFit
             *most = shift.map_or(f64::INFINITY, f64::abs).max(*most);
         }
         let rms = (shifts.iter().flatten().map(|s| s * s).sum::<f64>() / pairs.len() as f64).sqrt();
-        let held = |of: &dyn Fn(&(&FlightFits, &FlightFits)) -> Option<f64>| {
-            let errors: Vec<f64> = pairs.iter().filter_map(of).collect();
-            100.0 * errors.iter().filter(|e| e.abs() < 1.96).count() as f64 / errors.len() as f64
+        let held = |of: &dyn Fn(&(&Identified, &Identified)) -> Option<bool>| {
+            let held: Vec<bool> = pairs.iter().filter_map(of).collect();
+            100.0 * held.iter().filter(|held| **held).count() as f64 / held.len() as f64
         };
         println!(
             "{name:14} {rms:9.2} {:7.1}% {:7.1}% {:7.1}% {:7.1}%{}",
-            held(&|(_, faulty)| error(faulty.poses.as_ref(), name, true_value)),
-            held(&|(_, faulty)| error(faulty.filter.as_ref(), name, true_value)),
-            held(&|(sound, _)| error(sound.poses.as_ref(), name, true_value)),
-            held(&|(sound, _)| error(sound.filter.as_ref(), name, true_value)),
+            held(&|(_, faulty)| holds(faulty.fits.poses.as_ref(), name, faulty)),
+            held(&|(_, faulty)| holds(faulty.fits.filter.as_ref(), name, faulty)),
+            held(&|(sound, _)| holds(sound.fits.poses.as_ref(), name, sound)),
+            held(&|(sound, _)| holds(sound.fits.filter.as_ref(), name, sound)),
             if rms < UNTOUCHED { "  not touched" } else { "" }
         );
     }
@@ -291,6 +315,6 @@ fn print_fault(fault: Fault, truth: &BTreeMap<String, f64>, pairs: &[(&FlightFit
         "moved by more than a standard deviation in {} flights, of which {raised} are said to lack something; output error is \
          refused in {}",
         biased.len(),
-        pairs.iter().filter(|(_, faulty)| faulty.poses.is_none()).count()
+        pairs.iter().filter(|(_, faulty)| faulty.fits.poses.is_none()).count()
     );
 }
