@@ -1,9 +1,12 @@
 //! Terms that no file names: forces and moments that follow a signal of the flight.
 
 use crate::graph::{Graph, Node, Variable};
-use crate::model::{Freedom, Model, Parameter};
+use crate::model::{Freedom, Input, Model, Parameter};
 use crate::rigid_body::{BODY_PARAMETERS, Load, RIGID_STATES, RigidBody};
 use crate::unit::Unit;
+
+/// Name of the input that [`Model::with_signal_terms`] adds: the time, s, from any origin.
+pub const TIME: &str = "time";
 
 /// What a force or a moment may follow.
 struct Signal {
@@ -15,7 +18,8 @@ struct Signal {
 impl Model {
     /// This model with forces and moments that follow signals of the flight: to each of the three forces and three
     /// moments in body axes is added, for each signal, a parameter times the signal. Signals are a constant, velocity and
-    /// rates in body axes, roll and pitch, and each input less its trim.
+    /// rates in body axes, roll and pitch, each input less its trim, and the time, which is a further input, [`TIME`], the
+    /// last: what follows it drifts, as an aircraft does whose battery empties.
     ///
     /// The new parameters come after all others, are fixed at zero, so that the flight is as before, and are candidates
     /// ([`Parameter::candidate`]): whether measurements ask for them shows what residuals follow. Sensors do not feel
@@ -27,8 +31,10 @@ impl Model {
         let body: [Node; BODY_PARAMETERS.len()] =
             std::array::from_fn(|k| graph.variable(Variable::Parameter(k)));
         let rigid = RigidBody::new(graph);
-        let signals = signals(self, &rigid, graph);
         let zero = graph.constant(0.0);
+        out.inputs.push(time());
+        out.nodes.trim.push(zero);
+        let signals = signals(&out.inputs, &out.nodes.trim, &rigid, graph);
         let mut loads = out.nodes.loads.clone();
         for (load, (axis, of_load)) in loads.iter_mut().zip(LOADS) {
             for signal in &signals {
@@ -69,7 +75,19 @@ fn newton_metre() -> Unit {
     newton().times(Unit::METRE)
 }
 
-fn signals(model: &Model, rigid: &RigidBody, graph: &mut Graph) -> Vec<Signal> {
+fn time() -> Input {
+    Input {
+        name: TIME.to_owned(),
+        column: TIME.to_owned(),
+        unit: Some(Unit::SECOND),
+        is_angle: false,
+        min: f64::NEG_INFINITY,
+        max: f64::INFINITY,
+        text: "time".to_owned(),
+    }
+}
+
+fn signals(inputs: &[Input], trim: &[Node], rigid: &RigidBody, graph: &mut Graph) -> Vec<Signal> {
     let of = |name: &str, node, unit| Signal { name: name.to_owned(), node, unit: Some(unit) };
     let (speed, rate) = (Unit::METRE.over(Unit::SECOND), Unit::SECOND.to_the(-1.0));
     let mut out = vec![of("constant", graph.constant(1.0), Unit::ONE)];
@@ -77,7 +95,7 @@ fn signals(model: &Model, rigid: &RigidBody, graph: &mut Graph) -> Vec<Signal> {
     out.extend(["p", "q", "r"].into_iter().zip(rigid.rates).map(|(name, node)| of(name, node, rate)));
     let [phi, theta, _] = rigid.euler_angles(graph);
     out.extend([("phi", phi), ("theta", theta)].map(|(name, node)| of(name, node, Unit::ONE)));
-    for (k, (input, trim)) in model.inputs.iter().zip(&model.nodes.trim).enumerate() {
+    for (k, (input, trim)) in inputs.iter().zip(trim).enumerate() {
         let input_node = graph.variable(Variable::Input(k));
         let node = graph.subtract(input_node, *trim);
         out.push(Signal { name: input.name.clone(), node, unit: input.unit });
@@ -123,7 +141,7 @@ mod tests {
     fn a_term_acts_as_it_says_and_at_zero_not_at_all() {
         let model = Model::shelf("coaxial").expect("a model");
         let with_terms = model.with_signal_terms();
-        assert_eq!(with_terms.parameters.len(), model.parameters.len() + 6 * (1 + 6 + 2 + 4));
+        assert_eq!(with_terms.parameters.len(), model.parameters.len() + 6 * (1 + 6 + 2 + 4 + 1));
         let body = Body {
             mass_kg: 2.0,
             inertia_kg_m2: [0.02, 0.03, 0.04, 0.0, 0.0, 0.0],
@@ -135,13 +153,16 @@ mod tests {
         (state[3], state[7], state[11]) = (1.0, 3.0, 0.5);
         let inputs = [200.0, 210.0, 0.1, 0.0];
         let before = rates_of(&model, &values[..model.parameters.len()], &state, &inputs);
+        let inputs = [200.0, 210.0, 0.1, 0.0, 7.0];
         assert_eq!(rates_of(&with_terms, &values, &state, &inputs), before);
         let place = with_terms.parameter("force x by u").expect("a term");
         assert_eq!(with_terms.parameters[place].unit.map(|u| u.to_string()), Some("N s/m".to_owned()));
         values[place] = -0.1;
         values[with_terms.parameter("moment y by delta_lon").expect("a term")] = 0.6;
+        values[with_terms.parameter("force z by time").expect("a term")] = 0.02;
         let after = rates_of(&with_terms, &values, &state, &inputs);
         assert!((after[7] - before[7] + 0.15).abs() < 1e-12);
+        assert!((after[9] - before[9] - 0.02 * 7.0 / 2.0).abs() < 1e-12);
         assert!((after[11] - before[11] - 0.6 * 0.1 / 0.03).abs() < 1e-12);
         assert_eq!(after[13..], before[13..]);
     }

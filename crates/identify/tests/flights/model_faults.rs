@@ -14,28 +14,42 @@ fn vehicle() -> Vehicle {
     vehicle
 }
 
-/// The swash-plate turned about the vertical.
-fn turned(inputs: &InputSeries, turn_rad: f64) -> InputSeries {
-    let names = inputs.names().to_vec();
-    let place = |name: &str| names.iter().position(|n| n == name).expect("a channel");
-    let (lon, lat) = (place("delta_lon_rad"), place("delta_lat_rad"));
-    let (sine, cosine) = turn_rad.sin_cos();
-    let row = |k: usize| {
+/// What acts where these inputs are recorded: each row changed, at its time.
+fn changed(inputs: &InputSeries, change: impl Fn(f64, &mut [f64])) -> InputSeries {
+    let row = |(k, t_s): (usize, &f64)| {
         let mut row = inputs.row(k).to_vec();
-        (row[lon], row[lat]) = (cosine * row[lon] - sine * row[lat], sine * row[lon] + cosine * row[lat]);
+        change(*t_s, &mut row);
         row
     };
-    let rows: Vec<f64> = (0..inputs.times_s().len()).flat_map(row).collect();
-    InputSeries::new(names, inputs.times_s().to_vec(), rows).expect("inputs")
+    let rows: Vec<f64> = inputs.times_s().iter().enumerate().flat_map(row).collect();
+    InputSeries::new(inputs.names().to_vec(), inputs.times_s().to_vec(), rows).expect("inputs")
 }
 
-fn identified(simulated: &Vehicle, turn_rad: f64) -> FlightFits {
+fn place(inputs: &InputSeries, name: &str) -> usize {
+    inputs.names().iter().position(|n| n == name).expect("a channel")
+}
+
+/// The swash-plate turned about the vertical.
+fn turned(inputs: &InputSeries, turn_rad: f64) -> InputSeries {
+    let (lon, lat) = (place(inputs, "delta_lon_rad"), place(inputs, "delta_lat_rad"));
+    let (sine, cosine) = turn_rad.sin_cos();
+    changed(inputs, |_, row| {
+        (row[lon], row[lat]) = (cosine * row[lon] - sine * row[lat], sine * row[lon] + cosine * row[lat]);
+    })
+}
+
+/// The upper rotor turns slower and slower at the same command: its battery empties, by a hundred thousandth each second.
+fn fading(inputs: &InputSeries) -> InputSeries {
+    let upper = place(inputs, "omega_u_rad_s");
+    changed(inputs, |t_s, row| row[upper] *= 1.0 - 1e-5 * t_s)
+}
+
+fn identified(simulated: &Vehicle, acting: impl Fn(&InputSeries) -> InputSeries) -> FlightFits {
     let vehicle = vehicle();
     let scenario = multisine(&[("delta_lon", 2.0), ("delta_lat", 2.0)]);
     let inputs = scenario.inputs(&vehicle).expect("inputs");
     let start = scenario.start(&vehicle).expect("a start");
-    let acting = turned(&inputs, turn_rad);
-    let states = simulate(simulated, &acting, &start, &scenario.frame_times_s()).expect("a flight");
+    let states = simulate(simulated, &acting(&inputs), &start, &scenario.frame_times_s()).expect("a flight");
     let flown = Flown { vehicle, inputs, states };
     let poses = flown.poses(0.5e-3, 1e-3, &mut Random::new(54, 0));
     let options = FlightFitOptions { clock: InputClock::Known, ..FlightFitOptions::default() };
@@ -49,14 +63,14 @@ fn asked_for(fits: &FlightFits) -> Vec<String> {
 
 #[test]
 fn a_model_that_lacks_nothing_is_asked_for_nothing() {
-    let fits = identified(&vehicle(), 0.0);
+    let fits = identified(&vehicle(), InputSeries::clone);
     assert!(!fits.adequacy.lacks_something(), "{:?}", fits.adequacy);
 }
 
 /// The estimates of output error hardly move, and its colour takes what is missing for slow errors of the poses.
 #[test]
 fn a_swash_plate_that_is_turned_is_seen_in_the_moments_that_it_makes() {
-    let fits = identified(&vehicle(), 5_f64.to_radians());
+    let fits = identified(&vehicle(), |inputs| turned(inputs, 5_f64.to_radians()));
     let asked = asked_for(&fits);
     let strongest = &asked[..3];
     for moment in ["moment x by delta_lon", "moment y by delta_lat"] {
@@ -71,6 +85,12 @@ fn a_swash_plate_that_is_turned_is_seen_in_the_moments_that_it_makes() {
 fn damping_that_the_file_lacks_is_asked_for() {
     let mut simulated = vehicle();
     simulated.simulation.insert("C_m_u".to_owned(), 2e-5);
-    let asked = asked_for(&identified(&simulated, 0.0));
+    let asked = asked_for(&identified(&simulated, InputSeries::clone));
     assert_eq!(asked.first().map(String::as_str), Some("C_m,u"), "{asked:?}");
+}
+
+#[test]
+fn a_battery_that_empties_is_seen_in_what_follows_time() {
+    let asked = asked_for(&identified(&vehicle(), fading));
+    assert!(asked[..3].iter().any(|name| name == "moment z by time"), "{asked:?}");
 }
