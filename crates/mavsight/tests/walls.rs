@@ -14,9 +14,8 @@ const ESTIMATORS: [&str; 10] =
 /// Crates that know the truth, or make it.
 const TRUTH: [&str; 3] = ["score", "scene", "simulator"];
 
-/// Dependencies of each crate on others of this workspace, for its library and its build, as cargo reads
-/// them.
-fn workspace_dependencies() -> BTreeMap<String, BTreeSet<String>> {
+/// The packages of this workspace, as cargo reads them.
+fn packages() -> Vec<serde_json::Value> {
     let output = Command::new(env!("CARGO"))
         .args(["metadata", "--format-version", "1", "--no-deps", "--offline", "--manifest-path"])
         .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("Cargo.toml"))
@@ -24,13 +23,33 @@ fn workspace_dependencies() -> BTreeMap<String, BTreeSet<String>> {
         .unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let all: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    all["packages"].as_array().unwrap().clone()
+}
+
+/// Dependencies of each crate on others of this workspace, for its library and its build.
+fn workspace_dependencies() -> BTreeMap<String, BTreeSet<String>> {
     let own_name = |value: &serde_json::Value| value["name"].as_str().unwrap().replace("mavsight-", "");
-    let packages = all["packages"].as_array().unwrap();
     let needs = |package: &serde_json::Value| {
         let all = package["dependencies"].as_array().unwrap().iter();
         all.filter(|d| d["kind"] != "dev" && d["path"].is_string()).map(own_name).collect()
     };
-    packages.iter().map(|p| (own_name(p), needs(p))).collect()
+    packages().iter().map(|p| (own_name(p), needs(p))).collect()
+}
+
+#[test]
+fn each_library_that_is_used_has_its_reason_in_the_documents() {
+    let used: BTreeSet<String> = packages()
+        .iter()
+        .flat_map(|p| p["dependencies"].as_array().unwrap().clone())
+        .filter(|d| d["path"].is_null())
+        .map(|d| d["name"].as_str().unwrap().to_owned())
+        .collect();
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/dependencies.md");
+    let text = std::fs::read_to_string(path).unwrap();
+    let cells = text.lines().filter(|l| l.starts_with("| `")).filter_map(|l| l.split('|').nth(1));
+    let explained: BTreeSet<String> =
+        cells.flat_map(|cell| cell.split(',').map(|name| name.trim().trim_matches('`').to_owned())).collect();
+    assert_eq!(used, explained);
 }
 
 fn reach(all: &BTreeMap<String, BTreeSet<String>>, from: &str) -> BTreeSet<String> {
