@@ -12,14 +12,14 @@ mod smear;
 mod trials;
 
 pub use control::ControlBall;
-pub(crate) use film::coded as coded_light;
+pub(crate) use film::{Part, coded as coded_light};
 pub use film::{Shot, Spot, hue};
 pub use items::{CheckItem, Harm};
 pub use smear::Exposure;
 
 use crate::calibration::{rig_of, sizes_of};
 use crate::{EngineError, camera_feeds};
-use film::{Film, Part, Seen, Tap};
+use film::{Film, Seen, Tap};
 use mavsight_flight::Vehicle;
 use mavsight_geometry::ImageSize;
 use mavsight_pipeline::{CameraFeed, Progress, Tracked};
@@ -213,8 +213,10 @@ fn of_film(look: &Look<'_>, film: &Film, out: &mut SessionCheck) {
     out.items.extend(tracked.notes.iter().map(remark));
     if out.instants.0 == 0 && out.is_ready() {
         let first = tracked.poses.iter().find_map(|p| p.estimate.as_ref().err()).map(ToString::to_string);
+        let sees_all = out.cameras.iter().any(|c| c.seen.iter().all(|share| *share >= markers::SEEN));
         out.items.push(CheckItem {
             harm: Harm::Stops,
+            by_click: !sees_all,
             ..CheckItem::of_note(format!("No instant has a pose: {}.", first.unwrap_or_default()))
         });
     }

@@ -29,7 +29,7 @@ pub use frames::{camera_feeds, first_frames};
 pub use identification::{identify_from_motion, identify_from_poses};
 pub use log_alone::identify_from_log;
 pub use look::{FilmLook, look_at};
-pub use pick::{PickError, PickedBall, Picker};
+pub use pick::{MarkerPicker, PickError, PickedBall, PickedMarker, Picker};
 pub use solution::{
     Flight, Options, log_gyroscope, log_sensors, recorded_inputs, recorded_sensors, run, solve,
 };

@@ -1,4 +1,8 @@
-//! Control points that a person points at in the stills.
+//! Balls that a person points at: control points in the stills, markers in frames of the flight.
+
+mod markers;
+
+pub use markers::{MarkerPicker, PickedMarker};
 
 use crate::EngineError;
 use crate::error::input;
@@ -26,11 +30,11 @@ pub struct PickedBall {
     pub ball: Detection,
 }
 
-/// Why a click is no control point.
+/// Why a click names no ball.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PickError {
-    /// No such camera or control point.
-    #[error("there is no such camera or control point: load the page again")]
+    /// No such camera, frame, control point or marker.
+    #[error("there is no such camera, frame or ball: load the page again")]
     Unknown,
     /// Nothing coloured, or nothing round, is there.
     #[error(
@@ -49,7 +53,7 @@ pub enum PickError {
     Taken {
         /// Camera name.
         camera: String,
-        /// The other control point.
+        /// The other control point or marker.
         name: String,
     },
 }
@@ -156,14 +160,20 @@ impl Picker {
     pub fn colored_points(&self) -> Vec<ControlPointRow> {
         let mut points = self.points.clone();
         for (k, row) in points.iter_mut().enumerate() {
-            let seen: Vec<[u8; 3]> =
-                self.picked.iter().filter(|p| p.point == k).map(|p| p.ball.color).collect();
-            if !seen.is_empty() {
-                let mean = |c: usize| seen.iter().map(|rgb| usize::from(rgb[c])).sum::<usize>() / seen.len();
-                let [r, g, b] = [0, 1, 2].map(|c| mean(c) as u8);
-                row.color = Color::new(r, g, b);
-            }
+            let seen = self.picked.iter().filter(|p| p.point == k).map(|p| p.ball.color);
+            row.color = mean_color(seen).unwrap_or(row.color);
         }
         points
     }
+}
+
+/// The mean of colours as pictures have them; none of none.
+fn mean_color(seen: impl Iterator<Item = [u8; 3]>) -> Option<Color> {
+    let (mut sums, mut count) = ([0_usize; 3], 0);
+    for rgb in seen {
+        sums.iter_mut().zip(rgb).for_each(|(sum, code)| *sum += usize::from(code));
+        count += 1;
+    }
+    let [r, g, b] = sums.map(|sum| sum.checked_div(count).map(|mean| mean as u8));
+    Some(Color::new(r?, g?, b?))
 }

@@ -45,7 +45,7 @@ pub(crate) enum Command {
     New(New),
     /// Look at a session before it is run: what is ready, and what to mend first
     Check(Check),
-    /// Click on the control points of a session in the browser, the calibration at hand
+    /// Click on the balls of a session in the browser: control points in the stills, markers in the flight
     #[cfg(feature = "page")]
     Pick(Pick),
     /// Run the whole chain on a recorded session

@@ -68,7 +68,9 @@ fn three_commands_lead_from_videos_and_distances_to_poses() {
     let made = mavsight().arg("new").arg(&dir).args(&flags).assert().success();
     let said = String::from_utf8_lossy(&made.get_output().stdout).into_owned();
     assert!(
-        said.contains("8 control points by 36 measured distances") && said.contains("Next: mavsight check"),
+        said.contains("8 control points by 36 measured distances")
+            && said.contains("Next: mavsight check")
+            && said.contains("mavsight pick"),
         "{said}"
     );
     let checked = mavsight().arg("check").arg(&dir).assert().success();

@@ -44,8 +44,15 @@ fn the_first_screen_shows_the_flight_and_all_else_is_below() {
     let places: Vec<usize> =
         places.iter().map(|place| appendix.find(&format!(">{place}:")).expect("a place")).collect();
     assert!(places.is_sorted(), "{places:?}");
+    let film = out.join("flight.mp4");
+    let command =
+        format!("mavsight overlay {} --out {}", session.path("session.toml").display(), film.display());
+    assert!(page.replace("&#x2f;", "/").contains(&command) && !page.contains("<video"), "{command}");
     match Chromium::start() {
-        Some(browser) => a_browser_shows_it(&out.join("report.html"), browser),
+        Some(mut browser) => {
+            a_browser_shows_it(&out.join("report.html"), &mut browser);
+            a_browser_plays_the_film(&session, &out, &mut browser);
+        }
         None => println!("skipped: no chromium on this machine"),
     }
 }
@@ -80,7 +87,7 @@ fn rings_and_crosses_agree(page: &str) {
     }
 }
 
-fn a_browser_shows_it(report: &Path, mut browser: Chromium) {
+fn a_browser_shows_it(report: &Path, browser: &mut Chromium) {
     for (width, height, scheme) in
         [(1280, 800, "light"), (390, 844, "light"), (1280, 800, "dark"), (390, 844, "dark")]
     {
@@ -109,10 +116,26 @@ fn a_browser_shows_it(report: &Path, mut browser: Chromium) {
         // What is folded is drawn when it is opened.
         browser.value("document.querySelectorAll('details').forEach(d => { d.open = true; })");
         browser.wait_for("[...document.querySelectorAll('details .drawn > script')].every(s => s.parentElement.querySelector('canvas'))");
-        is_accessible(&mut browser);
+        is_accessible(browser);
     }
     let elsewhere = "performance.getEntriesByType('resource').filter(r => !r.name.startsWith('data:')).map(r => r.name).join()";
     assert_eq!(browser.text(elsewhere), "", "nothing is loaded");
+    assert!(browser.complaints.is_empty(), "{:#?}", browser.complaints);
+}
+
+/// Makes the film beside the report, which an open page plays when it is asked to, and one that is written then at once.
+fn a_browser_plays_the_film(session: &Session, out: &Path, browser: &mut Chromium) {
+    let (report, toml) = (out.join("report.html"), session.path("session.toml"));
+    let made =
+        mavsight().arg("overlay").arg(&toml).arg("--out").arg(out.join("flight.mp4")).assert().success();
+    assert!(String::from_utf8_lossy(&made.get_output().stdout).contains("report.html plays it"));
+    let is_played = "document.querySelector('video')?.readyState >= 1 && document.querySelector('video').videoWidth > 600";
+    browser.value("document.querySelector('[data-film]').click()");
+    browser.wait_for(is_played);
+    mavsight().arg("report").arg(&toml).arg("--out").arg(out).assert().success();
+    browser.open(&format!("file://{}", report.display()));
+    browser.wait_for(is_played);
+    is_accessible(browser);
     assert!(browser.complaints.is_empty(), "{:#?}", browser.complaints);
 }
 

@@ -36,7 +36,7 @@ pub use associate::{FlightAssociator, Instant};
 pub use board::{Board, board_of};
 pub use calibrate::{ControlStill, calibrate_from_observations, calibrate_from_stills};
 pub use cause::{Cause, Finding};
-pub use clicked::{REACH_PX, ball_at};
+pub use clicked::{REACH_PX, ball_at, balls_of_markers};
 pub use control::{CLICKED_STD_PX, ControlPixel, ControlPointRow};
 pub use error::PipelineError;
 pub use feed::{CameraFeed, Clap, Frames, TimedFrame, usual_interval_ns};

@@ -5,7 +5,7 @@ use crate::findings::MOST;
 use crate::intervals::Estimates;
 use crate::sections::pixel_std_px;
 use crate::summary::title;
-use crate::{Figure, Report, ReportError, Row, Summary, Table};
+use crate::{Figure, Film, Report, ReportError, Row, Summary, Table};
 use crate::{equation_error, figures, output_error, overlay, overview, render};
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_session::{RunResults, results::names, write_whole};
@@ -21,6 +21,8 @@ pub struct FlightReport<'a> {
     pub inputs: Option<&'a InputSeries>,
     /// Truth, drawn next to the estimates.
     pub truth: Option<&'a [FlightState]>,
+    /// The session file, where there is one: by it a film of what was found can be made.
+    pub session: Option<&'a Path>,
 }
 
 /// Writes `report.html` into a folder.
@@ -40,6 +42,7 @@ pub fn write_report(
         title: results.session.clone(),
         lead: overview::sentences(flight.vehicle, results, summary),
         overview: overview::pictures(results, &overlays, &motion, &coefficients),
+        film: flight.session.map(|session| film(session, out)),
         parameters: Estimates::of(results).table(flight.vehicle),
         advice: summary.advice.iter().take(MOST).cloned().collect(),
         ..Report::default()
@@ -69,6 +72,13 @@ pub fn write_report(
     report.fold("Appendix: as in the paper", vec![], tables, drawn);
     write_whole(&out.join(names::REPORT), render(&report)?.as_bytes())?;
     Ok(())
+}
+
+/// The film beside the report, and the command that makes it.
+fn film(session: &Path, out: &Path) -> Film {
+    let path = out.join(names::FILM);
+    let command = format!("mavsight overlay {} --out {}", session.display(), path.display());
+    Film { file: names::FILM.to_owned(), command, is_there: path.is_file() }
 }
 
 /// Whether a table or a figure bears a number of the paper.

@@ -122,12 +122,25 @@ pub struct Report {
     pub headline: Vec<(String, String)>,
     /// Pictures that fill the first screen together with the heading and the sentences.
     pub overview: Vec<Figure>,
+    /// The film that lies beside the page, or may.
+    pub film: Option<Film>,
     /// Parameters with their intervals drawn.
     pub parameters: Option<IntervalTable>,
     /// What to mend, most harmful first.
     pub advice: Vec<Advice>,
     /// Sections, in order.
     pub sections: Vec<ReportSection>,
+}
+
+/// A film beside a report, which the page plays where it is there.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct Film {
+    /// Its file, in the folder of the report.
+    pub file: String,
+    /// The command that makes it.
+    pub command: String,
+    /// Whether it was there when the page was written; otherwise the page loads it when it is asked for.
+    pub is_there: bool,
 }
 
 /// A part of a report under a heading of its own.
@@ -165,7 +178,7 @@ impl Report {
     /// Whether there is something for the page's script to do.
     fn is_live(&self) -> bool {
         let has_chart = |s: &ReportSection| s.is_folded || s.figures.iter().any(|f| f.data.is_some());
-        !self.overview.is_empty() || self.sections.iter().any(has_chart)
+        !self.overview.is_empty() || self.film.is_some() || self.sections.iter().any(has_chart)
     }
 
     fn push(&mut self, section: ReportSection) {
@@ -175,7 +188,7 @@ impl Report {
     }
 }
 
-/// Renders a report as one file: nothing in it comes from elsewhere.
+/// Renders a report as one file: nothing in it comes from elsewhere, but for a film that lies beside it.
 ///
 /// # Errors
 /// [`ReportError::Template`].

@@ -39,7 +39,7 @@ pub use board_sheet::{BoardSheetError, board_room_mm, board_sheet};
 pub use findings::{Advice, Harm};
 pub use flight_report::{FlightReport, write_report};
 pub use flights_report::{pooled_text, write_flights_report};
-pub use html::{Figure, Report, ReportError, ReportSection, Table, render};
+pub use html::{Figure, Film, Report, ReportError, ReportSection, Table, render};
 pub use intervals::IntervalTable;
 pub use overlay_film::{FilmShot, OverlayFilm};
 pub use parameters::parameter_text;

@@ -44,6 +44,8 @@ pub mod names {
     pub const FLIGHTS: &str = "flights.html";
     /// The page for people.
     pub const REPORT: &str = "report.html";
+    /// The film of what was found, where one was made: the report plays it.
+    pub const FILM: &str = "flight.mp4";
 }
 
 /// Everything that a run found; what a stage did not make is empty and its file is not touched.

@@ -1,5 +1,7 @@
 //! An image as a camera or decoder hands it over, with colours converted where they are looked at.
 
+mod part;
+
 use crate::VisionError;
 use mavsight_geometry::ImageSize;
 

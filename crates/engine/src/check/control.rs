@@ -77,6 +77,7 @@ fn not_found(k: usize, name: &str, camera: &Camera, ball: &ControlBall) -> Check
     let [r, g, b] = ball.rgb;
     CheckItem {
         camera: Some(k),
+        by_click: true,
         ..CheckItem::of_note(format!(
             "{name}: the control ball {} was not found at ({u:.0}, {v:.0}), where the others have it: it is hidden, or its colour is \
              another; there the picture has #{r:02x}{g:02x}{b:02x}.",

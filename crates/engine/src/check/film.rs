@@ -14,7 +14,7 @@ const KEPT: usize = 4 * SHOTS;
 
 /// How much of each film is looked at, from its beginning.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Part {
+pub(crate) enum Part {
     /// What is decoded and tracked in about a second. It is enough where there is nothing to say of it.
     First,
     /// What is decoded and tracked in about fifteen seconds, to find what is wrong.
@@ -31,7 +31,7 @@ impl Part {
     }
 
     /// Frames of a size.
-    fn frames(self, size: ImageSize) -> usize {
+    pub(crate) fn frames(self, size: ImageSize) -> usize {
         // The slowest of the motions that clocks are found by takes a second.
         const LEAST: usize = 45;
         (self.most_px() / size.area_px().max(1)).max(LEAST)

@@ -4,6 +4,7 @@ use super::{CameraCheck, is_without_picture};
 use crate::EngineError;
 use mavsight_pipeline::{Cause, Finding, PipelineError};
 use mavsight_session::SessionError;
+use mavsight_vision::VisionError;
 
 /// How harmful something is, the worst first: what lets nothing be measured, what makes poses wrong, what loses poses
 /// or makes them worse, what one should know.
@@ -32,17 +33,20 @@ pub struct CheckItem {
     pub camera: Option<usize>,
     /// What was found, and the remedy.
     pub text: String,
+    /// Whether it may be mended by pointing at balls in the pictures: of control points that were not found, or of markers
+    /// whose colours may be others than the file says.
+    pub by_click: bool,
 }
 
 impl CheckItem {
     /// An item without a cause.
     pub(super) fn of_note(text: String) -> Self {
-        Self { harm: Harm::Weakens, causes: Vec::new(), camera: None, text }
+        Self { harm: Harm::Weakens, causes: Vec::new(), camera: None, text, by_click: false }
     }
 
     /// An item with one cause.
     pub(super) fn of_cause(cause: Cause, camera: Option<usize>, text: String) -> Self {
-        Self { harm: harm_of(cause), causes: vec![cause], camera, text }
+        Self { harm: harm_of(cause), causes: vec![cause], camera, text, by_click: is_of_colors(cause) }
     }
 
     /// The cause, where it is one.
@@ -76,9 +80,19 @@ fn harm_of(cause: Cause) -> Harm {
     }
 }
 
+/// Whether a cause is that colours are not those of the files, or may be.
+fn is_of_colors(cause: Cause) -> bool {
+    matches!(cause, Cause::MarkerColor | Cause::MarkerMissing | Cause::ColorsExchanged)
+}
+
 pub(super) fn of_finding(finding: &Finding) -> CheckItem {
-    let harm = finding.causes.iter().map(|c| harm_of(*c)).min().unwrap_or(Harm::Follows);
-    CheckItem { harm, causes: finding.causes.clone(), camera: finding.camera, text: finding.note.clone() }
+    CheckItem {
+        harm: finding.causes.iter().map(|c| harm_of(*c)).min().unwrap_or(Harm::Follows),
+        causes: finding.causes.clone(),
+        camera: finding.camera,
+        by_click: finding.causes.iter().any(|c| is_of_colors(*c)),
+        ..CheckItem::of_note(finding.note.clone())
+    }
 }
 
 /// That a part of a film was looked at.
@@ -93,7 +107,12 @@ pub(super) fn of_part(camera: &CameraCheck) -> Option<CheckItem> {
 /// A recording that cannot be read.
 pub(super) fn of_file(name: &str, camera: usize, error: &SessionError) -> CheckItem {
     let causes = if is_without_picture(error) { vec![Cause::NoPicture] } else { Vec::new() };
-    CheckItem { harm: Harm::Stops, causes, camera: Some(camera), text: format!("{name}: {error}.") }
+    CheckItem {
+        harm: Harm::Stops,
+        causes,
+        camera: Some(camera),
+        ..CheckItem::of_note(format!("{name}: {error}."))
+    }
 }
 
 /// What a run would be refused with.
@@ -105,5 +124,15 @@ pub(super) fn of_error(error: &EngineError) -> CheckItem {
         }
         _ => Vec::new(),
     };
-    CheckItem { harm: Harm::Stops, causes, camera: None, text: format!("{error}.") }
+    let by_click = matches!(
+        error,
+        EngineError::Pipeline(
+            PipelineError::ControlBalls { .. }
+                | PipelineError::Vision {
+                    source: VisionError::ColorsTooClose { .. } | VisionError::ColorTooGrey { .. },
+                    ..
+                }
+        )
+    );
+    CheckItem { harm: Harm::Stops, causes, by_click, ..CheckItem::of_note(format!("{error}.")) }
 }

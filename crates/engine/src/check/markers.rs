@@ -10,7 +10,7 @@ use mavsight_pose::Rig;
 /// Share of a camera's frames up to which a marker counts as never seen: met by chance.
 const NEVER: f64 = 0.1;
 /// Share from which on it counts as seen.
-const SEEN: f64 = 0.5;
+pub(super) const SEEN: f64 = 0.5;
 /// Standard errors by which the colour at a marker's place must differ from that around it.
 const SURE: f64 = 4.0;
 

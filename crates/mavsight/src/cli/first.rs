@@ -82,9 +82,11 @@ pub(crate) struct Check {
 #[cfg(feature = "page")]
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  mavsight pick my-flight/session.toml\n\n\
-Serves a page on which one click on a ball names it as a control point: its centre is fitted as in a run, the calibration\n\
-is solved again after each click, and the point that disagrees is named. Save writes control_pixels.csv, the balls'\n\
-colours in the table of control points, and `observations` in the session; what was there is kept as .bak.")]
+Serves a page on which one click on a ball names it, as a control point in a still or as a marker in a frame of the\n\
+flight. Control points: the centre is fitted as in a run, the calibration is solved again after each click, and the point\n\
+that disagrees is named; Save writes control_pixels.csv, the balls' colours in the table of control points, and\n\
+`observations` in the session. Markers: the colour is that of the picture, and the page shows what is found by it; Save\n\
+writes it into the vehicle file. What was there is kept as .bak.")]
 pub(crate) struct Pick {
     /// The session file, or the folder that holds it
     #[arg(value_name = "SESSION.toml")]

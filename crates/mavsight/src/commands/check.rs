@@ -7,6 +7,7 @@ use crate::progress::Bars;
 use anyhow::Result;
 use mavsight_engine::{CameraCheck, Harm, SessionCheck};
 use mavsight_session::Session;
+use std::path::Path;
 
 pub(crate) fn check(args: &Check) -> Result<()> {
     let path = if args.session.is_dir() { args.session.join("session.toml") } else { args.session.clone() };
@@ -14,16 +15,32 @@ pub(crate) fn check(args: &Check) -> Result<()> {
     let bars = Bars::new();
     let found = mavsight_engine::check(&session, &bars);
     bars.done();
-    print(&found)?;
+    let by_click = by_click(&found, &path);
+    print(&found, by_click.as_deref())?;
     let page = args.out.clone().unwrap_or_else(|| path.with_file_name("check.html"));
-    super::check_page::write(&page, &found)?;
+    super::check_page::write(&page, &found, by_click.as_deref())?;
     outln!("Pictures: {}", page.display());
     anyhow::ensure!(found.is_ready(), "{}: mend this first", path.display());
     outln!("Next: mavsight run {} --out {}", path.display(), path.with_file_name("results").display());
     Ok(())
 }
 
-fn print(found: &SessionCheck) -> Result<()> {
+/// What of the list a click may mend, and by which command; none where there is nothing of the kind.
+fn by_click(found: &SessionCheck, session: &Path) -> Option<String> {
+    let mend = found.items.iter().filter(|i| i.harm != Harm::Remark).enumerate();
+    let numbers: Vec<String> =
+        mend.filter(|(_, item)| item.by_click).map(|(k, _)| (k + 1).to_string()).collect();
+    let is_there = cfg!(feature = "page") && !numbers.is_empty();
+    is_there.then(|| {
+        format!(
+            "For {}: click on the balls, and their colours are taken from the pictures: mavsight pick {}",
+            numbers.join(", "),
+            session.display()
+        )
+    })
+}
+
+fn print(found: &SessionCheck, by_click: Option<&str>) -> Result<()> {
     let (mend, remarks): (Vec<_>, Vec<_>) = found.items.iter().partition(|i| i.harm != Harm::Remark);
     if !mend.is_empty() {
         outln!("Mend this first, the most harmful at the top:");
@@ -35,6 +52,9 @@ fn print(found: &SessionCheck) -> Result<()> {
             _ => format!("{}: ", causes.join(" or ")),
         };
         outln!("{:2}. {cause}{}", k + 1, item.text);
+    }
+    if let Some(text) = by_click {
+        outln!("{text}");
     }
     outln!("{}", if found.is_ready() { "Ready:" } else { "Seen:" });
     for camera in &found.cameras {

@@ -17,8 +17,8 @@ const SHOT_PX: u32 = 480;
 /// Pictures beside each other in a mosaic.
 const ACROSS: usize = 3;
 
-/// Writes the page.
-pub(super) fn write(path: &Path, found: &SessionCheck) -> Result<()> {
+/// Writes the page; `by_click` says what of the list a click may mend.
+pub(super) fn write(path: &Path, found: &SessionCheck, by_click: Option<&str>) -> Result<()> {
     let mend: Vec<&CheckItem> = found.items.iter().filter(|i| i.harm != Harm::Remark).collect();
     let lead = if mend.is_empty() {
         "All is ready: the cameras are calibrated, and the markers are found and identified.".to_owned()
@@ -44,7 +44,12 @@ pub(super) fn write(path: &Path, found: &SessionCheck) -> Result<()> {
         let caption = "The most harmful at the top. A cause is named where undoing it mends the recording and nothing else that \
                        was tried does.";
         let table = Table::new(caption, ["", "cause", "what was seen, and the remedy"], rows);
-        report.add("Mend this first", vec![table], vec![]);
+        report.sections.push(ReportSection {
+            heading: "Mend this first".to_owned(),
+            tables: vec![table],
+            texts: by_click.map(str::to_owned).into_iter().collect(),
+            ..ReportSection::default()
+        });
     }
     report.add("Cameras", vec![cameras(found)], vec![]);
     for camera in &found.cameras {

@@ -77,7 +77,8 @@ pub(crate) fn demo(args: &Demo) -> Result<()> {
     write_inputs(&args.out.join("inputs.csv"), &inputs)?;
     write_truth(&args.out.join("truth.csv"), &truth, &vehicle)?;
     write_control_points(&args.out.join("control_points.csv"), &lab::control_points())?;
-    let report = FlightReport { vehicle: &vehicle, inputs: Some(&inputs), truth: Some(&truth) };
+    let report =
+        FlightReport { vehicle: &vehicle, inputs: Some(&inputs), truth: Some(&truth), session: None };
     finish(&mut results, Some(&scores), &report, &args.out, args.verbose)
 }
 

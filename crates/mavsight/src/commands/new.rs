@@ -55,9 +55,17 @@ pub(crate) fn new(args: &New) -> Result<()> {
     asker.finish()?;
     files::write(&args.dir, &answers)?;
     outln!("{}\n{}", answers.survey, files::written(&args.dir));
-    outln!("Next: mavsight check {}", written.display());
+    let written = written.display();
+    outln!("Next: mavsight check {written}");
+    if cfg!(feature = "page") {
+        outln!("Where it does not find balls by their colours: mavsight pick {written}");
+    }
     Ok(())
 }
+
+/// What to do without a control frame.
+const NO_FRAME: &str =
+    "No control frame yet? `mavsight targets print` writes a plan of one and a form for its distances";
 
 /// The recordings, and what each shows.
 fn cameras(args: &New, asker: &mut Asker) -> Result<Vec<Camera>> {
@@ -82,6 +90,11 @@ fn cameras(args: &New, asker: &mut Asker) -> Result<Vec<Camera>> {
         let question = Question { flag: "--still", text, default: None };
         let mut stills = Vec::new();
         asker.ask_lines(&[], &question, |line| read::file(line).map(|path| stills.push(path)))?;
+        if stills.is_empty() && asker.is_asking() {
+            return Err(
+                WrongCall(format!("each camera needs an image of the control balls. {NO_FRAME}")).into()
+            );
+        }
         for (camera, still) in cameras.iter_mut().zip(stills) {
             camera.still = Some(still);
         }
@@ -169,6 +182,9 @@ fn control(args: &New, cameras: &[Camera], asker: &mut Asker) -> Result<Option<S
             [from, to, distance, std_mm] => table.add([from, to, distance], 1e-3 * read::above_zero(std_mm)?),
             _ => Err("write a distance as red,green,3.002".to_owned()),
         })?;
+    }
+    if table.names.is_empty() && asker.is_asking() {
+        return Err(WrongCall(format!("without distances there are no control points. {NO_FRAME}")).into());
     }
     let text = "Diameter of the control balls, mm";
     let question = Question { flag: "--control-diameter", text, default: None };

@@ -10,6 +10,7 @@ use mavsight_engine::camera_feeds;
 use mavsight_pipeline::{CameraFeed, Frames, PipelineError, Progress, TimedFrame};
 use mavsight_pose::CameraClock;
 use mavsight_report::{FilmShot, OverlayFilm};
+use mavsight_session::results::names;
 use mavsight_session::{RunResults, Session, VideoWriter};
 use std::iter::Peekable;
 
@@ -59,6 +60,10 @@ pub(crate) fn overlay(args: &Overlay) -> Result<()> {
         film.enlargement(),
         args.out.display()
     );
+    let report = args.out.with_file_name(names::REPORT);
+    if args.out.file_name().is_some_and(|name| name == names::FILM) && report.is_file() {
+        outln!("{} plays it", report.display());
+    }
     Ok(())
 }
 

@@ -49,7 +49,12 @@ fn run_one(args: &Run, session: &Session, out: &Path) -> Result<RunResults> {
         scores.identity = Some(score_identity(&results.poses, truth, &markers, &visible));
     }
     bars.done();
-    let report = FlightReport { vehicle: &session.vehicle, inputs: inputs.as_ref(), truth: truth.as_deref() };
+    let report = FlightReport {
+        vehicle: &session.vehicle,
+        inputs: inputs.as_ref(),
+        truth: truth.as_deref(),
+        session: Some(&session.path),
+    };
     finish(&mut results, scores.as_ref(), &report, out, args.verbose)?;
     Ok(results)
 }

@@ -150,7 +150,12 @@ pub(crate) fn report(args: &Stage) -> Result<()> {
     let scores = truth.as_deref().map(|t| scores_of(&results, t));
     let summary = Summary::of(&results, scores.as_ref());
     results.pictures = first_frames(&session)?;
-    let report = FlightReport { vehicle: &session.vehicle, inputs: inputs.as_ref(), truth: truth.as_deref() };
+    let report = FlightReport {
+        vehicle: &session.vehicle,
+        inputs: inputs.as_ref(),
+        truth: truth.as_deref(),
+        session: Some(&session.path),
+    };
     write_report(&report, &results, &summary, &args.out)?;
     outln!("{}", args.out.join(names::REPORT).display());
     Ok(())

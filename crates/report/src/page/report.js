@@ -193,6 +193,18 @@
   }
   addEventListener("keydown", e => e.key === "Escape" && all(".tile.full").forEach(tile => enlarge(tile, false)));
 
+  // A film that was made after the page is loaded when it is asked for.
+  for (const button of all("[data-film]")) {
+    button.onclick = () => {
+      const video = document.createElement("video");
+      Object.assign(video, { controls: true, src: button.dataset.film, onloadedmetadata: () => { button.hidden = true; } });
+      video.setAttribute("aria-label", "The flight with what was found drawn into it");
+      video.onerror = () => { video.remove(); button.nextElementSibling.textContent = "It is not there, or cannot be played."; };
+      button.nextElementSibling.textContent = "";
+      button.closest("figure").prepend(video);
+    };
+  }
+
   // All is printed, also what is folded.
   let closed = [];
   addEventListener("beforeprint", () => (closed = all("details:not([open])")).forEach(d => { d.open = true; }));

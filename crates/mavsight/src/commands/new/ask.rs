@@ -1,5 +1,6 @@
 //! Questions on a terminal; flags in a script.
 
+use super::NO_FRAME;
 use crate::cli::WrongCall;
 use anyhow::{Context, Result};
 use std::io::{BufRead, IsTerminal};
@@ -113,6 +114,11 @@ impl Asker {
         }
     }
 
+    /// Whether questions are asked: not in a script.
+    pub(super) fn is_asking(&self) -> bool {
+        self.answers.is_some()
+    }
+
     fn line(&mut self) -> Result<String> {
         let mut line = String::new();
         let read = match &mut self.answers {
@@ -133,9 +139,11 @@ impl Asker {
         if self.missing.is_empty() {
             return Ok(());
         }
+        let needs_frame = ["--still", "--distances"].iter().any(|flag| self.missing.contains(flag));
+        let frame = if needs_frame { format!(". {NO_FRAME}") } else { String::new() };
         let missing = self.missing.join(", ");
         let message = format!(
-            "standard input is no terminal, so nothing is asked: give {missing} (see `mavsight help new`)"
+            "standard input is no terminal, so nothing is asked: give {missing} (see `mavsight help new`){frame}"
         );
         Err(WrongCall(message).into())
     }
@@ -178,5 +186,8 @@ mod tests {
         asker.ask_lines(&[], &question("--ball", None), |_| Ok(())).unwrap();
         let refused = asker.finish().unwrap_err().to_string();
         assert!(refused.contains("--n, --ball") && !refused.contains("--m"), "{refused}");
+        assert!(!refused.contains("mavsight targets"), "{refused}");
+        asker.ask_lines(&[], &question("--distances", None), |_| Ok(())).unwrap();
+        assert!(asker.finish().unwrap_err().to_string().contains("mavsight targets"));
     }
 }

@@ -1,11 +1,12 @@
 //! What was clicked, in the files of the session.
 
 use anyhow::{Context, Result, ensure};
-use mavsight_engine::Picker;
+use mavsight_engine::{MarkerPicker, Picker};
+use mavsight_flight::Vehicle;
 use mavsight_session::tables::write_control_pixels;
 use mavsight_session::{Session, write_control_points, write_whole};
 use std::path::{Path, PathBuf};
-use toml_edit::DocumentMut;
+use toml_edit::{DocumentMut, TableLike};
 
 /// Writes the clicked pixels, the colours of the control points, and the session's `observations`; each file that was there
 /// is kept as `.bak`. What was written, in words.
@@ -40,6 +41,60 @@ pub(super) fn save(session: &Session, picker: &Picker) -> Result<String> {
         control.points.display(),
         names.join(", ")
     ))
+}
+
+/// Writes the colours of the markers that were clicked into the vehicle file, whose other lines and comments are kept; the file that was
+/// there is kept as `.bak`. What was written, in words.
+pub(super) fn save_colors(session: &Session, picker: &MarkerPicker) -> Result<String> {
+    ensure!(!picker.picked().is_empty(), "click on a marker first");
+    let missed = picker.missed()?.len();
+    let (path, vehicle) = (&session.file.vehicle, picker.vehicle());
+    let text =
+        std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+    let mut file: DocumentMut =
+        text.parse().with_context(|| format!("{}: cannot be read", path.display()))?;
+    let changed = recolor(&mut file, &vehicle);
+    ensure!(changed > 0, "{} has these colours already", path.display());
+    let kept =
+        backed_up(path)?.map_or_else(String::new, |p| format!(" What was there is kept: {}.", p.display()));
+    write_whole(path, file.to_string().as_bytes())?;
+    let doubt = if missed == 0 {
+        String::new()
+    } else {
+        format!(" {missed} of the clicked balls are not found by them: see the list.")
+    };
+    let (path, session) = (path.display(), session.path.display());
+    Ok(format!("Saved: {changed} colours in {path}.{kept}{doubt} Next: mavsight check {session}"))
+}
+
+/// Gives the markers of a vehicle file the colours of a vehicle. How many had another.
+fn recolor(file: &mut DocumentMut, vehicle: &Vehicle) -> usize {
+    let markers = file.get_mut("marker");
+    let tables: Vec<&mut dyn TableLike> = match markers {
+        Some(toml_edit::Item::ArrayOfTables(all)) => {
+            all.iter_mut().map(|t| t as &mut dyn TableLike).collect()
+        }
+        Some(toml_edit::Item::Value(toml_edit::Value::Array(all))) => {
+            let tables = all.iter_mut().filter_map(toml_edit::Value::as_inline_table_mut);
+            tables.map(|t| t as &mut dyn TableLike).collect()
+        }
+        _ => Vec::new(),
+    };
+    let mut changed = 0;
+    for table in tables {
+        let name = table.get("name").and_then(|n| n.as_str());
+        let Some(own) = vehicle.marker.iter().find(|m| Some(m.name.as_str()) == name) else { continue };
+        let color = own.color.to_string();
+        let Some(value) = table.get_mut("color").and_then(|item| item.as_value_mut()) else { continue };
+        if value.as_str() != Some(&color) {
+            // A comment behind it is kept.
+            let decor = value.decor().clone();
+            *value = color.into();
+            *value.decor_mut() = decor;
+            changed += 1;
+        }
+    }
+    changed
 }
 
 /// Copies a file beside itself; nothing where there is none.
