@@ -137,6 +137,21 @@ fn coarse_clicks_give_the_calibration_of_the_stills_and_a_wrong_one_is_named() {
     }
 }
 
+#[test]
+fn control_points_are_clicked_without_a_recording_that_can_be_read() {
+    let flight = Session::new();
+    std::fs::write(flight.path("broken.mp4"), b"no film").unwrap();
+    flight.edit_lines("session.toml", |lines| {
+        let first = lines.iter().position(|line| line.starts_with("video = ")).unwrap();
+        lines[first] = "video = \"broken.mp4\"".to_owned();
+    });
+    let page = Page::open(&flight.path("session.toml"));
+    assert_eq!(page.ask("state")["cameras"].as_array().unwrap().len(), 2);
+    let none = page.ask("state?of=markers&camera=0&frame=0");
+    assert!(none["said"].as_str().unwrap().contains("no recording"), "{none}");
+    assert_eq!(page.get("picture?of=markers&camera=0&frame=0", "x-mavsight: page\r\n").0, 404);
+}
+
 /// Where each camera of the virtual room sees each marker at the first frame.
 fn markers_seen(flight: &Session) -> Vec<Vec<Vector2<f64>>> {
     let loaded = session::Session::load(&flight.path("session.toml")).unwrap();
@@ -173,6 +188,7 @@ fn clicks_on_markers_give_a_vehicle_file_with_wrong_colours_those_of_its_balls()
     }
     let (is_ready, said) = checked(&flight);
     assert!(!is_ready && said.contains("mavsight pick "), "{said}");
+    assert!(std::fs::read_to_string(flight.path("check.html")).unwrap().contains("mavsight pick "));
 
     let page = Page::open(&flight.path("session.toml"));
     let shown = |camera: usize| format!("of=markers&camera={camera}&frame=0");

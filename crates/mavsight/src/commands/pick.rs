@@ -24,9 +24,17 @@ const REQUEST_TIME: Duration = Duration::from_secs(60);
 pub(crate) fn pick(args: &Pick) -> Result<()> {
     let path = if args.session.is_dir() { args.session.join("session.toml") } else { args.session.clone() };
     let session = named(Session::load(&path))?;
-    let (control, markers) = (Picker::open(&session)?, MarkerPicker::open(&session)?);
+    let control = Picker::open(&session)?;
     let has_control = !control.points().is_empty() && control.stills().len() == session.cameras().len();
-    if !has_control && markers.cameras().next().is_none() {
+    let markers = match MarkerPicker::open(&session) {
+        Ok(markers) => Some(markers).filter(|m| m.cameras().next().is_some()),
+        Err(error) if has_control => {
+            eprintln!("no markers can be clicked: {error}");
+            None
+        }
+        Err(error) => return Err(error.into()),
+    };
+    if !has_control && markers.is_none() {
         let message = format!(
             "{}: name control points ([control] points) and a still of each camera, in which they are clicked, or videos of a flight, in \
              which its markers are",
@@ -52,7 +60,8 @@ struct Desk {
     session: Session,
     /// None of a session without control points or stills.
     control: Option<Picker>,
-    markers: MarkerPicker,
+    /// None of a session whose recordings cannot be read, or that has none.
+    markers: Option<MarkerPicker>,
 }
 
 /// What a request is about: numbers of its query.
@@ -80,7 +89,11 @@ impl Desk {
             _ => {}
         }
         if value(query, "of") == Some("markers") {
-            return markers::answer(&self.session, &mut self.markers, path, asked);
+            let Some(markers) = &mut self.markers else {
+                let said = "no recording of the flight can be read".to_owned();
+                return json(&state::State { said, ..state::State::default() }).filter(|_| path == "state");
+            };
+            return markers::answer(&self.session, markers, path, asked);
         }
         let Some(picker) = &mut self.control else {
             return (path == "state").then(|| json(&state::State::default()))?;

@@ -257,7 +257,7 @@ async function choose(what) {
   if (!state) return;
   $("of").value = of;
   $("camera").replaceChildren(...state.cameras.map(({ name }, k) => new Option(name, String(k))));
-  if (state.cameras.length > 0) await go();
+  if (state.cameras.length > 0) await go(); else $("film").hidden = true;
 }
 
 $("of").onchange = () => choose($("of").value);
