@@ -19,6 +19,8 @@ pub struct Instant<'a> {
     pub seen: &'a [TrackedDetection],
     /// Which is which, and the pose.
     pub association: &'a Association,
+    /// Cameras that were found so far to be moved or frozen; they take no part from then on.
+    pub moved: &'a [MovedCamera],
 }
 
 /// Associates the detections of all cameras with the markers, instant by instant.

@@ -23,6 +23,10 @@ pub enum Cause {
     Mass,
     /// A camera's clock is not what the session says of it.
     ClockOffset,
+    /// A camera's clock was set to another time while it filmed.
+    ClockStep,
+    /// A camera paused and went on at other times than before.
+    CameraPaused,
     /// A recording has another frame rate than its time stamps say.
     FrameRate,
     /// Recordings are given for each other's cameras.
@@ -47,7 +51,7 @@ pub enum Cause {
 
 impl Cause {
     /// All of them.
-    pub const ALL: [Self; 19] = [
+    pub const ALL: [Self; 21] = [
         Self::CameraMoved,
         Self::CameraFrozen,
         Self::CameraDark,
@@ -57,6 +61,8 @@ impl Cause {
         Self::BodyScale,
         Self::Mass,
         Self::ClockOffset,
+        Self::ClockStep,
+        Self::CameraPaused,
         Self::FrameRate,
         Self::CamerasExchanged,
         Self::ImageTurned,
@@ -81,6 +87,8 @@ impl Cause {
             Self::BodyScale => "marker positions in another unit",
             Self::Mass => "mass in another unit",
             Self::ClockOffset => "clock offset wrong",
+            Self::ClockStep => "clock was set",
+            Self::CameraPaused => "camera paused",
             Self::FrameRate => "frame rate wrong",
             Self::CamerasExchanged => "recordings exchanged",
             Self::ImageTurned => "image mirrored or turned",

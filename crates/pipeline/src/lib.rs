@@ -9,7 +9,9 @@ mod calibrate;
 mod cause;
 mod clicked;
 mod clock_start;
+mod clock_step;
 mod control;
+mod detected;
 mod error;
 mod feed;
 mod health;
@@ -38,6 +40,7 @@ pub use calibrate::{ControlStill, calibrate_from_observations, calibrate_from_st
 pub use cause::{Cause, Finding};
 pub use clicked::{REACH_PX, ball_at, balls_of_markers};
 pub use control::{CLICKED_STD_PX, ControlPixel, ControlPointRow};
+pub use detected::{DetectedFrame, DetectionFeed, track_detections};
 pub use error::PipelineError;
 pub use feed::{CameraFeed, Clap, Frames, TimedFrame, usual_interval_ns};
 pub use health::{CameraHealth, CentreQuality, MarkerHealth};

@@ -3,10 +3,13 @@
 use crate::markers::body_markers;
 use crate::poses::{pose_at, poses_anew, provisional};
 use crate::tracked::Tracked;
-use crate::{PipelineError, misfit};
+use crate::{Cause, Finding, PipelineError, misfit};
 use mavsight_flight::Vehicle;
 use mavsight_geometry::Isometry3;
-use mavsight_pose::{Association, MarkerObservation, PoseEstimator, Rig, TrackedDetection};
+use mavsight_pose::{
+    Association, MarkerObservation, MovedCamera, Observations, PoseError, PoseEstimator, Rig,
+    TrackedDetection,
+};
 
 /// Poses of instants as they come, each with the last one before it as a hint, and all of them again at the
 /// end.
@@ -41,6 +44,45 @@ impl Reconstruction {
         self.tracked.poses.push(provisional(association.sample));
     }
 
+    /// Takes back what a camera is said to have seen while its image was frozen, before that was noticed: the poses are
+    /// estimated anew without it.
+    pub(crate) fn leave_out_frozen(&mut self, moved: &[MovedCamera]) {
+        let is_frozen = |o: &MarkerObservation| {
+            let of = moved.iter().find(|m| m.camera == o.camera);
+            of.is_some_and(|m| m.still_since_ns.is_some_and(|since_ns| o.t_ns > since_ns))
+        };
+        if !self.tracked.observations.iter().any(|o| is_frozen(&o)) {
+            return;
+        }
+        let all = std::mem::take(&mut self.tracked.observations);
+        let diameters_px = std::mem::take(&mut self.tracked.diameters_px);
+        for (o, diameter_px) in all.iter().zip(diameters_px).filter(|(o, _)| !is_frozen(o)) {
+            self.tracked.observations.push(&o);
+            self.tracked.diameters_px.push(diameter_px);
+        }
+        let mut seen = Vec::new();
+        for pose in &mut self.tracked.poses {
+            self.tracked.observations.at(pose.t_ns, &mut seen);
+            if seen.is_empty() && pose.estimate.is_ok() {
+                pose.estimate = Err(PoseError::NotMeasured);
+            }
+        }
+    }
+
+    /// Takes back the poses where what was seen is decidedly not the body of the vehicle file, in its colours or its size: what
+    /// was taken for a marker is another one, and no covariance allows for that.
+    pub(crate) fn withhold_what_is_of_another_body(&mut self) {
+        let is_of_body = |cause: &Cause| matches!(cause, Cause::ColorsExchanged | Cause::BodyScale);
+        let Some(cause) = self.tracked.findings.iter().filter_map(Finding::cause).find(is_of_body) else {
+            return;
+        };
+        self.tracked.observations = Observations::default();
+        self.tracked.diameters_px.clear();
+        for pose in &mut self.tracked.poses {
+            pose.estimate = Err(PoseError::AnotherBody { cause: cause.words() });
+        }
+    }
+
     /// All poses, with what the whole flight has shown of the centres' systematic errors.
     pub(crate) fn finish(mut self) -> Result<Tracked, PipelineError> {
         poses_anew(self.estimator, &mut self.tracked)
@@ -68,5 +110,6 @@ pub fn reconstruct(
         return Err(PipelineError::NoFrames { camera: "the table of observations".into() });
     }
     all.tracked.findings = misfit::of_observations(&all.estimator, rig, &all.tracked.observations, None)?;
+    all.withhold_what_is_of_another_body();
     all.finish()
 }

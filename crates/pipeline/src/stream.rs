@@ -124,6 +124,8 @@ struct Faults {
     backward_ns: Vec<i64>,
     /// What the source said, and the stamp of the frame before it.
     broken: Vec<(i64, String)>,
+    /// Detections that are no measurement, and the first one's stamp.
+    spoilt: Option<(usize, i64)>,
 }
 
 impl Stream {
@@ -167,6 +169,36 @@ impl Stream {
         ))
     }
 
+    /// Whether a frame with a stamp not after those before it came so many intervals before a frame, to within a part of one.
+    pub(crate) fn has_backward(&self, frame: usize, intervals: usize, within: f64) -> bool {
+        let interval_ns = self.interval_s() * 1e9;
+        let (Some(at_ns), Some(before_ns)) =
+            (self.stamps_ns.get(frame), frame.checked_sub(1).and_then(|k| self.stamps_ns.get(k)))
+        else {
+            return false;
+        };
+        let expected_ns = *at_ns as f64 - intervals as f64 * interval_ns;
+        let is_there = |t: &i64| *t <= *before_ns && (*t as f64 - expected_ns).abs() < within * interval_ns;
+        self.faults.backward_ns.iter().any(is_there)
+    }
+
+    /// Leaves out all frames from one on.
+    pub(crate) fn end_before(&mut self, frame: usize) {
+        let kept: usize = self.counts.iter().take(frame).map(|n| usize::from(*n)).sum();
+        self.stamps_ns.truncate(frame);
+        self.counts.truncate(frame);
+        self.detections.truncate(kept);
+        self.brightness.iter_mut().for_each(|all| all.truncate(frame));
+    }
+
+    /// Moves the time stamps from a frame on, which keeps them rising.
+    pub(crate) fn move_stamps(&mut self, from: usize, by_ns: i64) {
+        let Some(from_ns) = self.stamps_ns.get(from).copied() else { return };
+        let moved = |t: &i64| if *t >= from_ns { *t + by_ns } else { *t };
+        self.faults.copies_ns.iter_mut().for_each(|t| *t = moved(t));
+        self.stamps_ns.iter_mut().for_each(|t| *t = moved(t));
+    }
+
     /// Room for so many frames with so many detections each.
     pub(crate) fn reserve(&mut self, frames: usize, detections: usize) {
         // What a file announces may be wrong by any factor: a day at 30 frames a second is the most that is
@@ -185,6 +217,14 @@ impl Stream {
     /// Notes a frame that is not later than the one before.
     pub(crate) fn add_backward(&mut self, stamp_ns: i64) {
         self.faults.backward_ns.push(stamp_ns);
+    }
+
+    /// Notes so many detections of a frame that are no measurement.
+    pub(crate) fn add_spoilt(&mut self, stamp_ns: i64, count: usize) {
+        if count > 0 {
+            let (before, first_ns) = self.faults.spoilt.unwrap_or((0, stamp_ns));
+            self.faults.spoilt = Some((before + count, first_ns));
+        }
     }
 
     /// Adds what was seen in a frame later than all before it, and how bright it was where a flash is
@@ -260,7 +300,7 @@ impl Stream {
 
     /// What was wrong, in words.
     pub(crate) fn notes(&self) -> Vec<String> {
-        let (name, Faults { copies_ns, backward_ns, broken }) = (&self.name, &self.faults);
+        let (name, Faults { copies_ns, backward_ns, broken, spoilt }) = (&self.name, &self.faults);
         let mut notes = Vec::new();
         for (after_ns, words) in broken.iter().take(MOST_NOTED) {
             notes.push(format!("{name}, after {:.3} s: {words}.", *after_ns as f64 * 1e-9));
@@ -281,6 +321,13 @@ impl Stream {
             .collect();
         notes.extend(left_out(&lone, "repeat the one before and", why));
         notes.extend(left_out(backward_ns, "with a time stamp not after that of the frame before", ""));
+        notes.extend(spoilt.map(|(count, first_ns)| {
+            let first_s = first_ns as f64 * 1e-9;
+            format!(
+                "{name}: {count} detection(s) are not finite, not in the image or without a positive covariance, and are left \
+                 out, the first at {first_s:.3} s."
+            )
+        }));
         notes.extend(self.gaps());
         notes
     }

@@ -59,6 +59,16 @@ pub(crate) fn stream(
     out
 }
 
+/// A camera of which some frames, by their numbers, did not arrive.
+pub(crate) fn with_frames(whole: &Stream, camera: usize, kept: impl Fn(usize) -> bool) -> Stream {
+    let mut out = Stream::new(camera, whole.name.clone(), whole.clock, whole.readout);
+    for (_, stamp_ns) in whole.stamps_ns.iter().enumerate().filter(|(k, _)| kept(*k)) {
+        let seen: Vec<_> = whole.detections().filter(|d| d.t_ns == *stamp_ns).collect();
+        out.add(*stamp_ns, &seen, None);
+    }
+    out
+}
+
 /// The same of a camera without a clock of its own, with its balls identified.
 pub(crate) fn seen_by(camera: usize, frames: std::ops::Range<usize>) -> Vec<MarkerObservation> {
     let stream = stream(camera, CameraClock::default(), 30.0, frames);

@@ -10,6 +10,7 @@ mod evidence;
 mod follow;
 mod frame;
 mod history;
+mod stillness;
 mod symmetry;
 #[cfg(test)]
 mod tests;

@@ -222,6 +222,12 @@ pub enum PoseError {
         /// Root of the mean square.
         times: f64,
     },
+    /// What was seen is not the body that is described.
+    #[error("what was seen is not the body of the vehicle file ({cause}): correct the file")]
+    AnotherBody {
+        /// What is wrong with the file.
+        cause: &'static str,
+    },
     /// The uncertainty of the markers' positions does not belong to these markers.
     #[error(
         "the uncertainty of the markers has {rows} rows or is not finite: give 3 rows a marker, {needed} in all"

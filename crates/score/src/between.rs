@@ -1,6 +1,6 @@
-//! The true pose between two rows of a truth table.
+//! The true state between two rows of a truth table.
 
-use mavsight_geometry::{Isometry3, UnitQuaternion, Vector3};
+use mavsight_geometry::{EulerAngles, Isometry3, UnitQuaternion, Vector3};
 use mavsight_simulator::FlightState;
 
 /// Rows further apart are not one motion.
@@ -41,6 +41,41 @@ pub fn true_pose(truth: &[FlightState], t_s: f64) -> Option<Isometry3<f64>> {
     let axis =
         turn * (3.0 * x2 - 2.0 * x3) + (row.rates_rad_s * (x3 - 2.0 * x2 + x) + end * (x3 - x2)) * step_s;
     Some(Isometry3::from_parts(position.into(), a.rotation * UnitQuaternion::from_scaled_axis(axis)))
+}
+
+/// The true state at any time from the first row to the last, without the model's further states: the pose is
+/// [`true_pose`], velocity and rates are polynomials of third degree with both rows' values and derivatives.
+/// `None` as there.
+pub fn true_state(truth: &[FlightState], t_s: f64) -> Option<FlightState> {
+    let pose = true_pose(truth, t_s)?;
+    let after = truth.partition_point(|row| row.t_s < t_s);
+    let next = truth.get(after)?;
+    if next.t_s == t_s {
+        return Some(next.clone());
+    }
+    let row = truth.get(after.checked_sub(1)?)?;
+    let step_s = next.t_s - row.t_s;
+    let x = (t_s - row.t_s) / step_s;
+    let cubic = |[a, b]: [Vector3<f64>; 2], [da, db]: [Vector3<f64>; 2]| {
+        let value = 3.0 * x * x - 2.0 * x.powi(3);
+        a * (1.0 - value)
+            + b * value
+            + (da * (x.powi(3) - 2.0 * x * x + x) + db * (x.powi(3) - x * x)) * step_s
+    };
+    let (dv, dw) = (
+        [row.velocity_rate_m_s2, next.velocity_rate_m_s2],
+        [row.angular_acceleration_rad_s2, next.angular_acceleration_rad_s2],
+    );
+    Some(FlightState {
+        t_s,
+        position_in_world_m: pose.translation.vector,
+        attitude: EulerAngles::from_world_from_body(&pose),
+        velocity_in_body_m_s: cubic([row.velocity_in_body_m_s, next.velocity_in_body_m_s], dv),
+        rates_rad_s: cubic([row.rates_rad_s, next.rates_rad_s], dw),
+        further: Vec::new(),
+        velocity_rate_m_s2: dv[0] * (1.0 - x) + dv[1] * x,
+        angular_acceleration_rad_s2: dw[0] * (1.0 - x) + dw[1] * x,
+    })
 }
 
 /// Motion in world axes.
@@ -86,6 +121,14 @@ mod tests {
             let apart_m = (got.translation.vector - want.translation.vector).norm();
             assert!(apart_m < 2e-6, "{} s: {apart_m} m", row.t_s);
             assert!(got.rotation.angle_to(&want.rotation) < 1e-4, "{} s", row.t_s);
+            let state = true_state(&coarse, row.t_s).unwrap();
+            let apart_m_s = (state.velocity_in_body_m_s - row.velocity_in_body_m_s).norm();
+            let apart_rad_s = (state.rates_rad_s - row.rates_rad_s).norm();
+            assert!(
+                apart_m_s < 1e-4 && apart_rad_s < 1e-2,
+                "{} s: {apart_m_s} m/s {apart_rad_s} rad/s",
+                row.t_s
+            );
         }
         assert_eq!(true_pose(&coarse, -0.01), None);
         assert_eq!(true_pose(&coarse, 4.1), None);

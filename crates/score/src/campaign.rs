@@ -69,8 +69,6 @@ pub struct Campaign {
     job: u64,
 }
 
-/// Flights of a piece of the results.
-const CHUNK: u64 = 10;
 const NORMAL_95: f64 = 1.959_964;
 
 impl Campaign {
@@ -171,19 +169,9 @@ impl Campaign {
     /// # Errors
     /// A file of another campaign, or what the file system refuses.
     pub fn run(&self, file: &Path, step: &(dyn Fn(u64) + Sync)) -> Result<String, ScoreError> {
-        let store = ChunkFile::open(file, self.job)?;
-        let chunk = |k: u64| {
-            if let Some(rows) = store.done().get(&k) {
-                return Ok(rows.clone());
-            }
-            let flights = k * CHUNK..((k + 1) * CHUNK).min(self.flights());
-            let rows = self.rows(flights.clone());
-            store.append(k, &rows)?;
-            step(flights.end - flights.start);
-            Ok(rows)
-        };
-        let chunks = (0..self.flights().div_ceil(CHUNK)).into_par_iter().map(chunk);
-        Ok(Self::HEADER.to_owned() + &chunks.collect::<Result<Vec<String>, ScoreError>>()?.concat())
+        let rows = |flights| self.rows(flights);
+        Ok(Self::HEADER.to_owned()
+            + &ChunkFile::open(file, self.job)?.completed(self.flights(), &rows, step)?)
     }
 
     fn check_names<'a>(key: &str, names: impl Iterator<Item = &'a str>) -> Result<(), ScoreError> {

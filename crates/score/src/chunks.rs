@@ -1,9 +1,11 @@
 //! Results in pieces, appended to one file that survives a kill.
 
 use crate::ScoreError;
+use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Write};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
@@ -17,6 +19,9 @@ pub struct ChunkFile {
     file: Mutex<File>,
     done: BTreeMap<u64, String>,
 }
+
+/// Flights of a piece.
+const FLIGHTS: u64 = 10;
 
 const MAGIC: &str = "mavsight-campaign 1";
 
@@ -60,6 +65,31 @@ impl ChunkFile {
     /// Pieces that were there when the file was opened.
     pub fn done(&self) -> &BTreeMap<u64, String> {
         &self.done
+    }
+
+    /// The rows of so many flights: those that are there, and those that `rows` makes, on all threads; `step` is called with
+    /// the number of flights of each finished piece.
+    ///
+    /// # Errors
+    /// As [`ChunkFile::append`].
+    pub fn completed(
+        &self,
+        flights: u64,
+        rows: &(dyn Fn(Range<u64>) -> String + Sync),
+        step: &(dyn Fn(u64) + Sync),
+    ) -> Result<String, ScoreError> {
+        let chunk = |k: u64| {
+            if let Some(rows) = self.done.get(&k) {
+                return Ok(rows.clone());
+            }
+            let some = k * FLIGHTS..((k + 1) * FLIGHTS).min(flights);
+            let rows = rows(some.clone());
+            self.append(k, &rows)?;
+            step(some.end - some.start);
+            Ok(rows)
+        };
+        let chunks = (0..flights.div_ceil(FLIGHTS)).into_par_iter().map(chunk);
+        Ok(chunks.collect::<Result<Vec<String>, ScoreError>>()?.concat())
     }
 
     /// Appends a piece; several threads may.

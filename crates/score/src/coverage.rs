@@ -33,7 +33,7 @@ pub struct Quantity {
     pub is_required: bool,
 }
 
-const NORMAL_95: f64 = 1.959_964;
+pub(crate) const NORMAL_95: f64 = 1.959_964;
 
 /// Verdict on a share that is not what it should be, while its interval reaches there.
 pub const TOO_FEW: &str = "too few flights to decide";
@@ -194,7 +194,7 @@ fn pose_error(measured: &Isometry3<f64>, truth: &FlightState) -> [Vector3<f64>; 
     [measured.translation.vector - pose.translation.vector, turn]
 }
 
-fn motion_error(
+pub(crate) fn motion_error(
     sample: &mavsight_pose::MotionSample,
     truth: &FlightState,
     gravity_m_s2: f64,

@@ -9,12 +9,15 @@ mod campaign_file;
 mod chunks;
 mod coverage;
 mod error;
+mod fault;
+mod fault_campaign;
+mod faulty_flight;
 mod identity;
 mod truth;
 mod virtual_flight;
 mod virtual_lab;
 
-pub use between::true_pose;
+pub use between::{true_pose, true_state};
 pub use campaign::{Campaign, CellSummary, TrueParameter};
 pub use campaign_file::{
     CAMPAIGN_SCHEMA, CampaignCamera, CampaignFile, CampaignManoeuvre, CampaignRig, FitKind, NoiseLevel,
@@ -22,6 +25,8 @@ pub use campaign_file::{
 pub use chunks::ChunkFile;
 pub use coverage::{Coverage, QUANTITIES, Quantity, TOO_FEW, Tally};
 pub use error::ScoreError;
+pub use fault::{Expected, Fault};
+pub use fault_campaign::{FaultCampaign, FaultSummary};
 pub use identity::{IdentityScore, score_identity};
 pub use truth::{VISIBILITY, read_truth, truth_of, visibility_of, write_truth, write_visibility};
 pub use virtual_flight::VirtualFlight;

@@ -1,7 +1,7 @@
 //! Flights in a virtual laboratory: simulated observations, measured by the real pipeline.
 
 use crate::{ScoreError, VirtualLab};
-use mavsight_geometry::{ControlPoint, Isometry3, Matrix2, Point3, Vector2, Vector3};
+use mavsight_geometry::{Camera, ControlPoint, Isometry3, Matrix2, Point3, Vector2, Vector3};
 use mavsight_pipeline::{NoProgress, Refinement, Tracked, motion_of, reconstruct, refine};
 use mavsight_pose::{CameraControl, MarkerObservation, Motion, Rig, calibrate};
 use mavsight_random::Random;
@@ -53,7 +53,8 @@ impl VirtualLab {
     pub fn fly(&self, random: &mut Random) -> Result<VirtualFlight, ScoreError> {
         let rig = calibrate(&self.control_observations(random))?;
         let truth = self.flight(random)?;
-        let tracked = reconstruct(&rig, &self.vehicle, self.draw_observations(&truth, random))?;
+        let as_it_stands = |camera: usize, _: usize| self.cameras[camera].camera;
+        let tracked = reconstruct(&rig, &self.vehicle, self.draw_observations(&truth, as_it_stands, random))?;
         self.measured(truth, rig, tracked)
     }
 
@@ -132,8 +133,8 @@ impl VirtualLab {
         }
     }
 
-    fn pixel(&self, camera: usize, marker: usize, pose: &Isometry3<f64>) -> Option<Vector2<f64>> {
-        let (view, ball) = (&self.cameras[camera].camera, &self.vehicle.marker[marker]);
+    fn pixel(&self, view: &Camera, marker: usize, pose: &Isometry3<f64>) -> Option<Vector2<f64>> {
+        let ball = &self.vehicle.marker[marker];
         let centre = (pose * Point3::from(Vector3::from(ball.position_m))).coords;
         let pixel = view.project_ball(&centre, ball.diameter_m / 2.0).ok()?.pixel;
         view.size.contains(&pixel, MARGIN_PX).then_some(pixel)
@@ -145,7 +146,7 @@ impl VirtualLab {
         let sees = |camera: usize| {
             let seen = |m: &usize| {
                 let noise = &self.observations[camera * markers + m];
-                !noise.stated_px2.is_empty() && self.pixel(camera, *m, &pose).is_some()
+                !noise.stated_px2.is_empty() && self.pixel(&self.cameras[camera].camera, *m, &pose).is_some()
             };
             (0..markers).filter(seen).count() >= 3
         };
@@ -153,7 +154,7 @@ impl VirtualLab {
     }
 
     /// Observations of the control frame by each camera, with common survey errors.
-    fn control_observations(&self, random: &mut Random) -> Vec<CameraControl> {
+    pub(crate) fn control_observations(&self, random: &mut Random) -> Vec<CameraControl> {
         let mut normal3 = |std: f64| Vector3::from_fn(|_, _| std * random.normal());
         let places: Vec<Vector3<f64>> =
             self.control.iter().map(|row| Vector3::from(row.position_m) + normal3(row.std_m)).collect();
@@ -178,9 +179,11 @@ impl VirtualLab {
         out
     }
 
-    fn draw_observations(
+    /// What each camera, which stands at a frame's number as `view` says, observes of the markers, with noise and losses.
+    pub(crate) fn draw_observations(
         &self,
         flight: &[FlightState],
+        view: impl Fn(usize, usize) -> Camera,
         random: &mut Random,
     ) -> Vec<(i64, Vec<MarkerObservation>)> {
         let markers = self.vehicle.marker.len();
@@ -200,7 +203,7 @@ impl VirtualLab {
                     random.uniform() < noise.lost_share || (lost_from..lost_from + gap).contains(&k);
                 let Some(covariance_px2) = noise.stated_px2.get(drawn).copied() else { continue };
                 let Some(spread) = covariance_px2.cholesky().filter(|_| !is_lost) else { continue };
-                let Some(pixel) = self.pixel(camera, marker, &pose) else { continue };
+                let Some(pixel) = self.pixel(&view(camera, k), marker, &pose) else { continue };
                 let pixel = pixel + spread.l() * normal + bias[index];
                 seen.push(MarkerObservation { t_ns, camera, marker, pixel, covariance_px2 });
             }

@@ -70,6 +70,8 @@ fn harm_of(cause: Cause) -> Harm {
         | Cause::BodyScale
         | Cause::Mass
         | Cause::ClockOffset
+        | Cause::ClockStep
+        | Cause::CameraPaused
         | Cause::FrameRate => Harm::Falsifies,
         Cause::OutOfFocus
         | Cause::ExposureLong

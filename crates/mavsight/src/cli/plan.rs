@@ -5,13 +5,26 @@ use std::path::PathBuf;
 
 /// `campaign`
 #[derive(Debug, Args)]
-#[command(after_help = "Example:\n  mavsight campaign campaign.toml --out campaign\n\n\
+#[command(after_help = "Examples:\n  mavsight campaign campaign.toml --out campaign\n  \
+mavsight campaign --faults --flights 500 --out faults\n\n\
 Writes flights.csv, with every estimate of every flight, and summary.json. A campaign that was killed goes on where it was,\n\
 and ends with the same table.")]
 pub(crate) struct Campaign {
     /// Rigs, noise, manoeuvres
-    #[arg(value_name = "CAMPAIGN.toml")]
-    pub(crate) campaign: PathBuf,
+    #[arg(value_name = "CAMPAIGN.toml", required_unless_present = "faults", conflicts_with = "faults")]
+    pub(crate) campaign: Option<PathBuf>,
+    /// Flies in the laboratories of `selftest`, with faults of cameras and recordings, each alone and in pairs
+    #[arg(long)]
+    pub(crate) faults: bool,
+    /// Flights with faults
+    #[arg(long, value_name = "N", default_value_t = 2000, requires = "faults", value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
+    pub(crate) flights: u64,
+    /// Seed of all that is drawn of them
+    #[arg(long, value_name = "N", default_value_t = 1, requires = "faults")]
+    pub(crate) seed: u64,
+    /// One fault alone, such as clock-step
+    #[arg(long, value_name = "FAULT", requires = "faults")]
+    pub(crate) only: Option<String>,
     /// Folder for the results
     #[arg(long, value_name = "DIR")]
     pub(crate) out: PathBuf,

@@ -1,5 +1,7 @@
 //! Thousands of simulated flights.
 
+mod faults;
+
 use super::plan::wrong_call;
 use crate::cli::{Campaign as Args, WrongCall};
 use crate::out::{out, outln};
@@ -15,8 +17,9 @@ pub(crate) fn campaign(args: &Args) -> Result<()> {
     if let Some(threads) = args.threads {
         rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()?;
     }
-    let campaign = Campaign::load(&args.campaign).map_err(|e| match e {
-        ScoreError::Campaign { .. } => WrongCall(format!("{}: {e}", args.campaign.display())).into(),
+    let Some(file) = &args.campaign else { return faults::campaign(args) };
+    let campaign = Campaign::load(file).map_err(|e| match e {
+        ScoreError::Campaign { .. } => WrongCall(format!("{}: {e}", file.display())).into(),
         ScoreError::Session(e) => WrongCall(e.to_string()).into(),
         ScoreError::Plan(e) => wrong_call(e),
         other => anyhow::Error::new(other),

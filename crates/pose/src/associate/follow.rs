@@ -29,6 +29,7 @@ impl Associator {
     /// What the candidates of the next instant are, and the pose they give.
     pub fn associate(&mut self, t_ns: i64, candidates: &[TrackedDetection]) -> Association {
         let frame = Frame { t_ns, seen: candidates };
+        self.watch_stillness(frame);
         let predicted = self.history.predicted(t_ns, self.size_m);
         let in_use = |k: usize| self.is_in_use(&candidates[k]);
         let mut out = self.associated_by(frame, predicted.as_ref(), in_use);

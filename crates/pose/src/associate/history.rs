@@ -1,5 +1,6 @@
 //! What is known from the instants before: the pose, the noise, and whether the cameras stand still.
 
+use super::stillness::Repeated;
 use crate::reprojection::moved;
 use crate::{PoseEstimate, TrackedDetection};
 use mavsight_geometry::{Isometry3, Matrix6, Vector2};
@@ -145,7 +146,7 @@ impl Noise {
 
 /// Standard deviations, in the plane, beyond which a camera's view is shifted. By chance it is so twice in a
 /// row once in a hundred hours of two cameras at 60 Hz: p² · 432 000 = 0.01, and √(-2 ln p) of that.
-const SHIFTED: f64 = 4.2;
+pub(super) const SHIFTED: f64 = 4.2;
 /// Instants over which a camera's usual shift is averaged: some seconds.
 const USUAL: f64 = 200.0;
 
@@ -204,9 +205,14 @@ pub(super) struct Watch {
     /// 2, and more where cameras are less exact than is claimed.
     usual: Vec<f64>,
     still: Vec<Still>,
+    pub(super) repeated: Vec<Repeated>,
 }
 
 impl Watch {
+    pub(super) fn is_moved(&self, camera: usize) -> bool {
+        self.moved.iter().any(|m| m.camera == camera)
+    }
+
     pub(super) fn is_out(&self, camera: usize) -> bool {
         self.moved.iter().chain(&self.suspects).any(|m| m.camera == camera)
     }

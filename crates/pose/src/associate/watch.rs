@@ -97,7 +97,7 @@ impl Associator {
     pub(super) fn watch_cameras(&mut self, frame: Frame, found: &Association, predicted: &Belief) -> bool {
         let before = std::mem::take(&mut self.watch.suspects);
         for camera in 0..self.cameras.len() {
-            if self.watch.moved.iter().any(|m| m.camera == camera) {
+            if self.watch.is_moved(camera) {
                 continue;
             }
             let is_used =

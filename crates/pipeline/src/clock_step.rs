@@ -1,0 +1,212 @@
+//! Clocks that were set to another time while their cameras filmed.
+//!
+//! The frames of a camera come at equal times, less some that are missing. A clock that is set leaves a time between two
+//! frames that is no multiple of theirs, and so does a camera that pauses. Which of them it was, the flight shows: by a
+//! clock that was set, the aircraft is elsewhere from then on.
+
+use crate::markers::{MarkerColors, body_markers};
+use crate::stream::Stream;
+use crate::{Cause, Finding};
+use mavsight_flight::Vehicle;
+use mavsight_pose::{ClockPrior, Rig, estimate_clocks, informative_stretches_ns};
+
+/// Frames before and after a step that come at equal times: as many as make half a second at a low rate.
+const REGULAR_FRAMES: usize = 8;
+
+/// Part of the time between frames by which a step leaves their beat: what is less matters less than the eighth of it to
+/// which clocks are determined.
+const OUT_OF_BEAT: f64 = 0.1;
+
+/// Steps of one camera that are looked for: more of them are a clock that is no clock.
+const MOST_STEPS: usize = 3;
+
+/// Twice the logarithm of the odds, 999 to 1, at which it is decided what happened.
+const DECISIVE: f64 = 13.8;
+
+/// Part of the time between frames to which a clock is known that is determined, as for clocks.
+const DETERMINED: f64 = 0.125;
+
+/// What happened between two frames.
+enum Break {
+    /// The clock was set ahead, by nanoseconds.
+    Set(i64),
+    /// The flight does not show which; nanoseconds by which the clock would have been set.
+    Undecided(i64),
+}
+
+/// Takes the steps of the cameras' clocks out of their time stamps where the flight shows them, and says which. Where it does
+/// not show whether a clock was set, what the camera filmed from there on is left out. Of the first camera, with which the
+/// others are compared, no step is known.
+pub(crate) fn set_right(streams: &mut [Stream], rig: &Rig, vehicle: &Vehicle) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    for camera in 1..streams.len() {
+        for _ in 0..MOST_STEPS {
+            let happened = |at| Some((at, what_happened(streams, camera, at, rig, vehicle)?));
+            let Some((at, what)) = out_of_beat(&streams[camera]).into_iter().find_map(happened) else {
+                break;
+            };
+            let (name, t_s) = (&streams[camera].name, streams[camera].stamps_ns[at] as f64 * 1e-9);
+            findings.push(match what {
+                Break::Set(by_ns) => {
+                    let note = format!(
+                        "{name}: its clock was set by {:+.1} ms at {t_s:.3} s: from there on its time stamps are taken without \
+                         that. Let no program set the clock of a camera that films.",
+                        by_ns as f64 * 1e-6
+                    );
+                    streams[camera].move_stamps(at, -by_ns);
+                    Finding::of(Cause::ClockStep, Some(camera), note)
+                }
+                Break::Undecided(by_ns) => {
+                    let by_ms = by_ns as f64 * 1e-6;
+                    let note = format!(
+                        "{name}: at {t_s:.3} s its time stamps leave their beat: its clock was set by {by_ms:+.1} ms, or it paused, and \
+                         the flight does not show which. It is left out from there on. Let no program set the clock of a camera \
+                         that films."
+                    );
+                    streams[camera].end_before(at);
+                    let causes = vec![Cause::ClockStep, Cause::CameraPaused];
+                    Finding { causes, camera: Some(camera), note }
+                }
+            });
+        }
+    }
+    findings
+}
+
+/// Numbers of the frames before which the frames' beat is broken, while it is regular on both sides.
+fn out_of_beat(stream: &Stream) -> Vec<usize> {
+    let interval_ns = stream.interval_s() * 1e9;
+    let is_off = |w: &[i64]| {
+        let beats = (w[1] - w[0]) as f64 / interval_ns;
+        (beats - beats.round()).abs() > OUT_OF_BEAT || beats < 0.5
+    };
+    let steps = stream.stamps_ns.windows(2).enumerate();
+    let broken: Vec<usize> = steps.filter(|(_, w)| is_off(w)).map(|(k, _)| k + 1).collect();
+    let is_alone = |k: &usize| {
+        let near = |other: &usize| other != k && other.abs_diff(*k) <= REGULAR_FRAMES;
+        let is_within = *k >= REGULAR_FRAMES && *k + REGULAR_FRAMES <= stream.stamps_ns.len();
+        is_within && !broken.iter().any(near)
+    };
+    broken.iter().copied().filter(is_alone).collect()
+}
+
+/// What broke the beat before a frame; nothing happened to the clock of a camera that paused.
+fn what_happened(
+    streams: &[Stream],
+    camera: usize,
+    at: usize,
+    rig: &Rig,
+    vehicle: &Vehicle,
+) -> Option<Break> {
+    let stream = &streams[camera];
+    let interval_s = stream.interval_s();
+    let gap_s = (stream.stamps_ns[at] - stream.stamps_ns[at - 1]) as f64 * 1e-9;
+    // Frames whose stamps were not after those before them came in between; those are in the new beat.
+    let backward = (1..).take_while(|k| stream.has_backward(at, *k, OUT_OF_BEAT)).count();
+    let by_s = |missing: usize| gap_s - (1 + backward + missing) as f64 * interval_s;
+    let ns = |by_s: f64| (by_s * 1e9).round() as i64;
+    let after = clock_of(streams, camera, at..stream.stamps_ns.len(), rig, vehicle);
+    let before = match stream.clock.offset_std_s {
+        0.0 => Some((stream.clock.clock.offset_s, 0.0)),
+        _ => clock_of(streams, camera, 0..at, rig, vehicle),
+    };
+    // A clock that is less than determined may be anywhere: its estimate is near its start.
+    let is_determined = |c: &(f64, f64)| c.1 <= DETERMINED * interval_s;
+    let (ahead_s, std_s) = match (before.filter(is_determined), after.filter(is_determined)) {
+        (Some(b), Some(a)) => (a.0 - b.0, b.1.hypot(a.1)),
+        _ => (0.0, f64::INFINITY),
+    };
+    let square = |by_s: f64| ((ahead_s - by_s) / std_s).powi(2);
+    // No frame is missing, or as many as the flight asks for.
+    let most = ((gap_s / interval_s) as usize).saturating_sub(1);
+    let best = (0..=most).map(by_s).min_by(|a, b| square(*a).total_cmp(&square(*b))).unwrap_or(by_s(0));
+    let set_s = if square(by_s(0)) - square(best) < DECISIVE { by_s(0) } else { best };
+    // No time passes backward.
+    let lead = if backward > 0 { f64::INFINITY } else { square(0.0) - square(set_s) };
+    if lead >= DECISIVE {
+        Some(Break::Set(ns(set_s)))
+    } else if lead <= -DECISIVE {
+        None
+    } else {
+        Some(Break::Undecided(ns(set_s)))
+    }
+}
+
+/// The offset of a camera's clock by some of its frames, of which nothing is known before, and its standard deviation.
+fn clock_of(
+    streams: &[Stream],
+    camera: usize,
+    frames: std::ops::Range<usize>,
+    rig: &Rig,
+    vehicle: &Vehicle,
+) -> Option<(f64, f64)> {
+    let colors = MarkerColors::of(vehicle);
+    let stamps_ns = &streams[camera].stamps_ns[frames];
+    let (first_ns, last_ns) = (*stamps_ns.first()?, *stamps_ns.last()?);
+    let clock = streams[camera].clock.clock;
+    let stretches_ns = informative_stretches_ns((clock.time_ns(first_ns), clock.time_ns(last_ns)));
+    let seen: Vec<_> = streams
+        .iter()
+        .enumerate()
+        .map(|(k, stream)| {
+            let mut seen = stream.camera_stream(&colors, &stretches_ns);
+            if k == camera {
+                seen.prior = ClockPrior { drift_std: 0.0, ..ClockPrior::unknown() };
+                seen.prior.clock = clock;
+                seen.observations.retain(|o| (first_ns..=last_ns).contains(&o.t_ns));
+            }
+            seen
+        })
+        .collect();
+    let found = estimate_clocks(rig, &body_markers(vehicle), &seen).get(camera).copied()?;
+    found.offset_std_s.is_finite().then_some((found.shown.offset_s, found.offset_std_s))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{rig, stream, with_frames};
+    use mavsight_pose::CameraClock;
+
+    fn streams() -> Vec<Stream> {
+        (0..3).map(|camera| stream(camera, CameraClock::default(), 30.0, 0..180)).collect()
+    }
+
+    fn found(streams: &mut [Stream]) -> Vec<Finding> {
+        set_right(streams, &rig(), &Vehicle::paper())
+    }
+
+    /// A clock that was set put the aircraft elsewhere, and nothing said so.
+    #[test]
+    fn a_clock_that_was_set_is_set_right_whether_it_was_known_or_not() {
+        let sound = streams()[1].stamps_ns.clone();
+        for (by_ms, is_known) in [(20, true), (-12, false), (150, false), (-90, true)] {
+            let mut stepped = streams();
+            if !is_known {
+                stepped[1].clock = ClockPrior::unknown();
+            }
+            // Frames whose stamps are not after those before them are not taken.
+            let lost = usize::try_from(-by_ms / 33).unwrap_or(0);
+            let backward_ns = stepped[1].stamps_ns[70..70 + lost].to_vec();
+            stepped[1] = with_frames(&stepped[1], 1, |k| !(70..70 + lost).contains(&k));
+            backward_ns.iter().for_each(|t| stepped[1].add_backward(t + by_ms * 1_000_000));
+            stepped[1].move_stamps(70, by_ms * 1_000_000);
+            let findings = found(&mut stepped);
+            let [one] = &findings[..] else { panic!("{by_ms} ms: {findings:?}") };
+            assert_eq!((one.cause(), one.camera), (Some(Cause::ClockStep), Some(1)), "{}", one.note);
+            let right = &sound[..70].iter().chain(&sound[70 + lost..]).copied().collect::<Vec<i64>>();
+            let apart_ns = stepped[1].stamps_ns.iter().zip(right).map(|(a, b)| (a - b).abs()).max();
+            assert!(apart_ns < Some(1_000_000), "{by_ms} ms: {apart_ns:?} ns");
+        }
+    }
+
+    #[test]
+    fn a_camera_that_paused_and_frames_that_are_missing_are_no_clock_that_was_set() {
+        let mut streams = streams();
+        streams[2] = with_frames(&streams[2], 2, |k| !(90..95).contains(&k));
+        // From the pause on it exposes between the others' frames.
+        let whole = stream(1, CameraClock::default(), 90.0, 0..540);
+        streams[1] = with_frames(&whole, 1, |k| if k < 240 { k % 3 == 0 } else { k > 280 && k % 3 == 1 });
+        assert_eq!(found(&mut streams), vec![]);
+    }
+}
