@@ -79,7 +79,7 @@ impl Reconstruction {
         self.tracked.observations = Observations::default();
         self.tracked.diameters_px.clear();
         for pose in &mut self.tracked.poses {
-            pose.estimate = Err(PoseError::AnotherBody { cause: cause.words() });
+            pose.estimate = Err(PoseError::AnotherBody(cause.words()));
         }
     }
 
@@ -112,4 +112,33 @@ pub fn reconstruct(
     all.tracked.findings = misfit::of_observations(&all.estimator, rig, &all.tracked.observations, None)?;
     all.withhold_what_is_of_another_body();
     all.finish()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{rig, seen_by};
+    use std::collections::BTreeMap;
+
+    fn reconstructed(vehicle: &Vehicle) -> Tracked {
+        let mut instants: BTreeMap<i64, Vec<MarkerObservation>> = BTreeMap::new();
+        for seen in (0..3).flat_map(|camera| seen_by(camera, 0..90)) {
+            instants.entry(seen.t_ns).or_default().push(seen);
+        }
+        reconstruct(&rig(), vehicle, instants).expect("a flight")
+    }
+
+    /// Positions ten times too large were named, and the poses given all the same.
+    #[test]
+    fn poses_of_a_body_that_is_not_the_files_are_withheld() {
+        let mut vehicle = Vehicle::paper();
+        assert!(reconstructed(&vehicle).poses.iter().all(|p| p.estimate.is_ok()));
+        for marker in &mut vehicle.marker {
+            marker.position_m = marker.position_m.map(|x| 10.0 * x);
+        }
+        let tracked = reconstructed(&vehicle);
+        let another = PoseError::AnotherBody(Cause::BodyScale.words());
+        assert!(tracked.poses.iter().all(|p| p.estimate.as_ref() == Err(&another)), "{:?}", tracked.poses[0]);
+        assert_eq!(tracked.observations.iter().count(), 0);
+    }
 }

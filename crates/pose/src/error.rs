@@ -223,11 +223,8 @@ pub enum PoseError {
         times: f64,
     },
     /// What was seen is not the body that is described.
-    #[error("what was seen is not the body of the vehicle file ({cause}): correct the file")]
-    AnotherBody {
-        /// What is wrong with the file.
-        cause: &'static str,
-    },
+    #[error("what was seen is not the body of the vehicle file ({0}): correct the file")]
+    AnotherBody(&'static str),
     /// The uncertainty of the markers' positions does not belong to these markers.
     #[error(
         "the uncertainty of the markers has {rows} rows or is not finite: give 3 rows a marker, {needed} in all"
@@ -332,14 +329,11 @@ pub enum PoseError {
         /// Part of the image around all views of the object.
         covered_percent: f64,
     },
-    /// A flight has refined the cameras already.
+    /// A flight of so many frames has refined the cameras already.
     #[error(
-        "{frames} frames of a flight have refined the cameras already, and their information must not count twice: calibrate again from the control points"
+        "{0} frames of a flight have refined the cameras already, and their information must not count twice: calibrate again from the control points"
     )]
-    AlreadyRefined {
-        /// Frames that entered.
-        frames: usize,
-    },
+    AlreadyRefined(usize),
     /// The flight determines the body's shape no better than the ruler did.
     #[error(
         "the flight determines the markers' positions to {:.1} mm only, no better than the {:.1} mm of the vehicle file: the aircraft turned by {:.0}° and centres may have a constant error of {systematic_px:.2} px; turn it further, or keep the positions of the file",

@@ -50,7 +50,7 @@ pub fn refine_flight(
         return Err(PoseError::BadBias { std_px });
     }
     if rig.frames > 0 {
-        return Err(PoseError::AlreadyRefined { frames: rig.frames });
+        return Err(PoseError::AlreadyRefined(rig.frames));
     }
     let instants = instants_of(observations, rig, markers, markers_std_m)?;
     let mut shared = Shared::new(rig.cameras.iter().map(|c| c.camera).collect(), markers.to_vec());
