@@ -13,6 +13,10 @@ const REPEATED: usize = 5;
 /// two hundred, in five images running never.
 const NO_NOISE: f64 = 1.0 / 9.0;
 
+/// It stands still for so long after another camera first saw the body move, ns: what moves later is no frozen camera but one
+/// whose clock is another, and clocks of one flight are less than a second apart.
+const LONGEST_APART_NS: i64 = 1_000_000_000;
+
 /// What stands still is three balls or more.
 const BALLS: usize = 3;
 
@@ -23,8 +27,8 @@ pub(super) struct Repeated {
     images: usize,
     /// What all cameras saw when it began: camera, track and place.
     began: Vec<(usize, u32, Vector2<f64>)>,
-    /// The camera that first saw the body move since, and by how much.
-    first: Option<(usize, Vector2<f64>)>,
+    /// The camera that first saw the body move since, by how much, and when.
+    first: Option<(usize, Vector2<f64>, i64)>,
 }
 
 /// How far a camera's balls are from where they were: in the mean, its variance, and the mean square in parts of what noise
@@ -91,10 +95,12 @@ impl Associator {
                     continue;
                 }
                 let own = &mut self.watch.repeated[camera];
-                let (first, first_px) = *own.first.get_or_insert((other, seen.mean_px));
-                if first == other && is_far(seen.mean_px - first_px, 2.0 * seen.variance_px2) {
+                let t_ns = frame.t_ns;
+                let (first, first_px, first_ns) = *own.first.get_or_insert((other, seen.mean_px, t_ns));
+                let is_long = t_ns - first_ns >= LONGEST_APART_NS;
+                if is_long && first == other && is_far(seen.mean_px - first_px, 2.0 * seen.variance_px2) {
                     let still_since_ns = Some(own.since_ns);
-                    let (t_ns, shift_px) = (frame.t_ns, seen.mean_px);
+                    let shift_px = seen.mean_px;
                     self.watch.moved.push(MovedCamera { camera, t_ns, shift_px, still_since_ns });
                     break;
                 }
