@@ -173,15 +173,15 @@ impl InputSeries {
         Self::new(names, self.times_s.clone(), values)
     }
 
-    /// This series with one more column, the last: the time before or since the middle of the record, s.
+    /// This series with one more column, the last, `t_s`: the time before or since the middle of the record, s.
     ///
     /// # Errors
-    /// [`FlightError::DuplicateInput`] where there is a column of that name.
-    pub fn with_time(&self, name: &str) -> Result<Self, FlightError> {
+    /// [`FlightError::DuplicateInput`] where there is a column of that name, which tables have for their times.
+    pub fn with_time(&self) -> Result<Self, FlightError> {
         let middle_s = 0.5 * (self.start_s() + self.end_s());
         let row = |(k, t_s): (usize, &f64)| self.row(k).iter().copied().chain([t_s - middle_s]);
         let values = self.times_s.iter().enumerate().flat_map(row).collect();
-        let names: Vec<String> = self.names.iter().cloned().chain([name.to_owned()]).collect();
+        let names: Vec<String> = self.names.iter().cloned().chain(["t_s".to_owned()]).collect();
         Self::new(names, self.times_s.clone(), values)
     }
 

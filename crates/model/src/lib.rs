@@ -28,6 +28,5 @@ pub use fault::{Fault, ModelError};
 pub use model::{Axis, Body, Derived, Equation, Freedom, FurtherState, Input, Model, Parameter, Sensor};
 pub use rigid_body::{BODY_PARAMETERS, RIGID_STATES};
 pub use shelf::SHELF;
-pub use signal_terms::TIME;
 pub use start::Start;
 pub use unit::Unit;

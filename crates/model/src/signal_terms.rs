@@ -5,9 +5,6 @@ use crate::model::{Freedom, Input, Model, Parameter};
 use crate::rigid_body::{BODY_PARAMETERS, Load, RIGID_STATES, RigidBody};
 use crate::unit::Unit;
 
-/// Name of the input that [`Model::with_signal_terms`] adds: the time, s, from any origin.
-pub const TIME: &str = "time";
-
 /// What a force or a moment may follow.
 struct Signal {
     name: String,
@@ -18,8 +15,8 @@ struct Signal {
 impl Model {
     /// This model with forces and moments that follow signals of the flight: to each of the three forces and three
     /// moments in body axes is added, for each signal, a parameter times the signal. Signals are a constant, velocity and
-    /// rates in body axes, roll and pitch, each input less its trim, and the time, which is a further input, [`TIME`], the
-    /// last: what follows it drifts, as an aircraft does whose battery empties.
+    /// rates in body axes, roll and pitch, each input less its trim, and the time, s, which is a further input,
+    /// the last: what follows it drifts, as an aircraft does whose battery empties.
     ///
     /// The new parameters come after all others, are fixed at zero, so that the flight is as before, and are candidates
     /// ([`Parameter::candidate`]): whether measurements ask for them shows what residuals follow. Sensors do not feel
@@ -77,8 +74,8 @@ fn newton_metre() -> Unit {
 
 fn time() -> Input {
     Input {
-        name: TIME.to_owned(),
-        column: TIME.to_owned(),
+        name: "time".to_owned(),
+        column: "t_s".to_owned(),
         unit: Some(Unit::SECOND),
         is_angle: false,
         min: f64::NEG_INFINITY,

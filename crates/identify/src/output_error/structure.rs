@@ -14,7 +14,6 @@ use super::result::{FittedParameter, OutputErrorFit};
 use crate::IdentifyError;
 use held_out::{Found, Parts};
 use mavsight_flight::InputSeries;
-use mavsight_model::TIME;
 use score::score_tests;
 
 /// Chance, over all candidates together, that a term which is not missing passes the score tests.
@@ -154,7 +153,7 @@ pub(super) fn terms_asked_for(
     let with_signals = solved.fitter.point.model.clone().with_signal_terms();
     let mut all = candidates(&with_signals);
     all.extend(late_inputs(&with_signals));
-    solved.fitter.problem.inputs = inputs.with_time(TIME)?;
+    solved.fitter.problem.inputs = inputs.with_time()?;
     solved.fitter.point.model = with_signals;
     let parameters: Vec<ModelParameter> = all.iter().map(|c| c.parameter).collect();
     for (term, test) in all.iter_mut().zip(score_tests(solved, &parameters)?) {
