@@ -5,22 +5,26 @@ Usage: grid.py TABLE.csv FIT_FROM..TO[,FROM..TO] HELD_OUT_FROM..TO[,FROM..TO] [P
 TABLE.csv has t_s, motor_1 to motor_4, acc_z_m_s2 and gyro_z_rad_s (`mavsight convert log10 table.csv --preset crazyflie --input ...`,
 docs/logs.md), PARAMETERS.csv is that of `mavsight identify --out`. Needs numpy and scipy.
 
-For each time constant of a grid the motors follow their commands with a first-order lag; specific force is linear in the coefficients
-of the thrust curve, and the change of the yaw rate in those of the torque, of the rotors' gain of speed, of the yaw rate and in a
-constant, as in crazyflie.toml. The time constant with the smallest residuals of the specific force is kept (Eschmann, Albani & Loianno
-2024). Printed are root mean square errors of one-step predictions on the part that was not fitted: specific force, and yaw
-acceleration over YAW_STEPS; of the values of `mavsight identify` also by how much the mean squares are more than those of the grid, with
-the standard error of that over seconds of the flight.
+For each delay and time constant of a grid the motors follow their delayed commands with a first-order lag (Eschmann, Albani & Loianno
+2024); specific force is linear in the coefficients of the thrust curve, and the change of the yaw rate in those of the torque, of the
+rotors' gain of speed, of their drag and in a constant, as in crazyflie.toml and within its bounds. The delay and the time constant are
+kept with which the product of the mean squares of both is least: the most likely ones if the noise of neither is known. Printed are root
+mean square errors of one-step predictions on the part that was not fitted: specific force, and yaw acceleration over YAW_STEPS; of the
+values of `mavsight identify` also by how much the mean squares are more than those of the grid, with the standard error of that over
+seconds of the flight.
 """
 
 import csv
 import sys
 
 import numpy
-from scipy.optimize import minimize_scalar
+from scipy.optimize import lsq_linear, minimize
 from scipy.signal import lfilter
 
-STEP_S = 0.005
+# Commands are followed by steps of FINE_S; what is measured are means over FINE_STEPS of them.
+FINE_S = 0.001
+FINE_STEPS = 5
+STEP_S = FINE_S * FINE_STEPS
 MASS_KG = 0.027
 # Command of hover.
 HOVER = 0.6
@@ -29,38 +33,46 @@ SIGNS = numpy.array([1.0, -1.0, 1.0, -1.0])
 YAW_STEPS = 10
 
 
+def means(fine):
+    """Over FINE_STEPS."""
+    whole = len(fine) // FINE_STEPS
+    return fine[: whole * FINE_STEPS].reshape(whole, FINE_STEPS, *fine.shape[1:]).mean(axis=1)
+
+
 def table(path):
-    """Means over STEP_S of all columns."""
+    """Time, specific force and yaw rate as means over STEP_S, commands by FINE_S."""
     with open(path, newline="") as file:
         rows = list(csv.reader(file))
     names, values = rows[0], numpy.array([[float(x) for x in row] for row in rows[1:]])
     t_s = values[:, names.index("t_s")]
-    bins = numpy.floor((t_s - t_s[0]) / STEP_S).astype(int)
-    count = numpy.bincount(bins)
-    steps = numpy.arange(len(count))
-    seen = count > 0
-
-    def filled(k):
-        mean = numpy.bincount(bins, values[:, k])[seen] / count[seen]
-        return numpy.interp(steps, steps[seen], mean)
-
-    mean = {name: filled(k) for k, name in enumerate(names)}
-    motors = numpy.stack([mean[f"motor_{k}"] for k in range(1, 5)], axis=1)
-    return mean["t_s"], motors, mean["acc_z_m_s2"], mean["gyro_z_rad_s"]
+    fine_s = numpy.arange(t_s[0], t_s[-1], FINE_S)
+    held = numpy.searchsorted(t_s, fine_s + 1e-9, side="right") - 1
+    motors = numpy.stack([values[held, names.index(f"motor_{k}")] for k in range(1, 5)], axis=1)
+    middle_s = fine_s + 0.5 * FINE_S
+    force, rate = (
+        means(numpy.interp(middle_s, t_s, values[:, names.index(name)])) for name in ("acc_z_m_s2", "gyro_z_rad_s")
+    )
+    return means(middle_s), motors, force, rate
 
 
-def lagged(motors, tau_s):
-    """The motors behind their commands, at the middle of each step."""
-    kept = numpy.exp(-STEP_S / tau_s)
-    end = lfilter([1.0 - kept], [1.0, -kept], motors, axis=0, zi=kept * motors[:1])[0]
-    before = numpy.vstack([motors[:1], end[:-1]])
-    half = numpy.exp(-0.5 * STEP_S / tau_s)
-    return motors + (before - motors) * half
+def followed(motors, lags):
+    """The delayed commands and the motors behind them, of each FINE_S."""
+    delay_s, tau_s = lags
+    steps = numpy.arange(len(motors)) - delay_s / FINE_S
+    before = numpy.clip(numpy.floor(steps).astype(int), 0, len(motors) - 1)
+    share = (steps - numpy.floor(steps))[:, None]
+    delayed = (1.0 - share) * motors[before] + share * motors[numpy.minimum(before + 1, len(motors) - 1)]
+    kept = numpy.exp(-FINE_S / tau_s)
+    end = lfilter([1.0 - kept], [1.0, -kept], delayed, axis=0, zi=kept * delayed[:1])[0]
+    start = numpy.vstack([delayed[:1], end[:-1]])
+    return delayed, 0.5 * (start + end)
 
 
-def features(motors, tau_s):
-    m = lagged(motors, tau_s)
-    return numpy.stack([numpy.ones_like(m), m, m * m], axis=2)
+def features(data, lags):
+    """What the specific force is linear in: the coefficients of the thrust curve."""
+    m = followed(data[1], lags)[1]
+    thrust = numpy.stack([numpy.ones(m.shape), m, m * m], axis=2).sum(axis=1)
+    return -means(thrust) / MASS_KG
 
 
 def yaw_change(rate):
@@ -71,41 +83,39 @@ def yaw_change(rate):
 
 
 def mean_over_change(x):
-    return numpy.convolve(x, numpy.ones(YAW_STEPS) / YAW_STEPS, mode="same")
+    # Half of the first and the last, as the change is from the middle of a step to the middle of another.
+    weights = numpy.ones(YAW_STEPS + 1)
+    weights[[0, -1]] = 0.5
+    return numpy.convolve(x, weights / YAW_STEPS, mode="same")
 
 
-def predicted(data, tau_s, curve, yaw):
-    _, motors, _, _ = data
-    thrust = features(motors, tau_s) @ curve
-    return -thrust.sum(axis=1) / MASS_KG, of_yaw(data, tau_s) @ yaw
+def predicted(data, lags, curve, yaw):
+    return features(data, lags) @ curve, of_yaw(data, lags) @ yaw
 
 
-def of_yaw(data, tau_s):
-    """What the yaw acceleration is linear in: torque, gain of the rotors' speed, drag, a constant."""
+def of_yaw(data, lags):
+    """What the yaw acceleration is linear in: torque, gain of the rotors' speed, their drag, a constant."""
     _, motors, _, rate = data
-    m = lagged(motors, tau_s)
-    columns = [m @ SIGNS, (motors - m) @ SIGNS / tau_s, -rate, numpy.ones(len(rate))]
+    delayed, m = (means(x) for x in followed(motors, lags))
+    columns = [m @ SIGNS, (delayed - m) @ SIGNS / lags[1], -m.sum(axis=1) * rate, numpy.ones(len(rate))]
     return numpy.stack([mean_over_change(column) for column in columns], axis=1)
 
 
 def fit(data, chosen):
-    _, motors, force, rate = data
+    _, _, force, rate = data
     change = yaw_change(rate)
-
-    def solved(tau_s):
-        all_features = features(motors, tau_s)
-        curve, squares, _, _ = numpy.linalg.lstsq(
-            -all_features.sum(axis=1)[chosen] / MASS_KG, force[chosen], rcond=None
-        )
-        return curve, float(squares[0])
-
-    grid = numpy.geomspace(0.005, 0.3, 60)
-    best = min(grid, key=lambda tau_s: solved(tau_s)[1])
-    tau_s = minimize_scalar(lambda t: solved(t)[1], bounds=(0.8 * best, 1.25 * best), method="bounded").x
-    curve, _ = solved(tau_s)
     known = chosen & numpy.isfinite(change)
-    yaw, *_ = numpy.linalg.lstsq(of_yaw(data, tau_s)[known], change[known], rcond=None)
-    return tau_s, curve, yaw
+
+    def solved(lags):
+        curve, squares, _, _ = numpy.linalg.lstsq(features(data, lags)[chosen], force[chosen], rcond=None)
+        bounds = ([0.0, 0.0, 0.0, -numpy.inf], numpy.inf)
+        yaw = lsq_linear(of_yaw(data, lags)[known], change[known], bounds)
+        return numpy.log(squares[0]) + numpy.log(yaw.cost), curve, yaw.x
+
+    grid = [(delay_s, tau_s) for delay_s in numpy.arange(0.0, 0.03, 0.005) for tau_s in numpy.geomspace(0.01, 0.3, 15)]
+    best = min(grid, key=lambda lags: solved(lags)[0])
+    lags = minimize(lambda x: solved(x)[0], best, method="Nelder-Mead", bounds=[(0.0, 0.1), (0.005, 0.5)]).x
+    return lags, *solved(lags)[1:]
 
 
 def squared_errors(data, values, chosen):
@@ -137,7 +147,8 @@ def parameters(path):
     for name in sorted({row["estimator"] for row in rows}):
         own = {row["parameter"]: float(row["value"]) for row in rows if row["estimator"] == name}
         curve = numpy.array([own[f"T_{k}"] for k in range(3)])
-        out[f"mavsight {name}"] = (own["tau"], curve, numpy.array([own[k] for k in ("yaw", "spin", "yaw_drag", "yaw_0")]))
+        lags = (own.get("input_lag_s", 0.0), own["tau"])
+        out[f"mavsight {name}"] = (lags, curve, numpy.array([own[k] for k in ("yaw", "spin", "yaw_drag", "yaw_0")]))
     return out
 
 
@@ -156,11 +167,11 @@ def main():
     if len(sys.argv) > 4:
         sets |= parameters(sys.argv[4])
     reference = squared_errors(data, sets["grid"], held_out)
-    for name, (tau_s, curve, yaw) in sets.items():
-        of_force, of_yaw_change = squared_errors(data, (tau_s, curve, yaw), held_out)
+    for name, (lags, curve, yaw) in sets.items():
+        of_force, of_yaw_change = squared_errors(data, (lags, curve, yaw), held_out)
         inertia = (curve[1] + 2 * HOVER * curve[2]) / yaw[0]
         print(
-            f"{name:11} tau {tau_s:.4f} s, T_0 {curve[0]:+.4f}, T_1 {curve[1]:+.4f}, T_2 {curve[2]:+.4f} N, yaw inertia over "
+            f"{name:11} delay {1e3 * lags[0]:.1f} ms, tau {lags[1]:.4f} s, T_0 {curve[0]:+.4f}, T_1 {curve[1]:+.4f}, T_2 {curve[2]:+.4f} N, yaw inertia over "
             f"torque factor {inertia:.2e} kg m\n"
             f"            held out: specific force {numpy.sqrt(of_force[0].mean()):.3f} m/s2, yaw acceleration "
             f"{numpy.sqrt(of_yaw_change[0].mean()):.2f} rad/s2"

@@ -11,7 +11,7 @@ use mavsight_session::RunResults;
 /// of the log, or over the whole where none are named.
 ///
 /// Samples and inputs that are nearer to each other than 10 ms count as their means; a note says so. Between parts that are
-/// more than two seconds apart the motion starts anew.
+/// more than two seconds apart the motion starts anew. Without a known lag, that with which the inputs act is estimated too.
 ///
 /// # Errors
 /// A model, a setting or a vehicle that is wrong; a log without inputs and sensors in that part.
@@ -33,6 +33,7 @@ pub fn identify_from_log(
     let failed = |e: FlightError| EngineError::from(e);
     let sensors = mean_sensors(&sensors.within(is_within)).map_err(failed)?;
     let inputs = mean_inputs(inputs).map_err(failed)?;
+    let inputs = inputs.at_times(|t_s| t_s + flight.options.lag_s.unwrap_or(0.0)).map_err(failed)?;
     let covered = |t_ns: i64| {
         let t_s = t_ns as f64 * 1e-9;
         t_s >= inputs.start_s() && t_s <= inputs.end_s()
@@ -46,7 +47,7 @@ pub fn identify_from_log(
         .notes
         .push(format!("Samples and inputs nearer than {:.0} ms count as their means.", 1e3 * MEANS_S));
     let options = FlightFitOptions {
-        clock: InputClock::Known,
+        clock: if flight.options.lag_s.is_some() { InputClock::Known } else { InputClock::Free },
         held_out_s: flight.options.fit.held_out_s,
         fits: flight.options.motion_fits,
         search: false,

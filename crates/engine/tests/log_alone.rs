@@ -36,8 +36,10 @@ acc_z = { column = "acc_z_m_s2", unit = "m/s^2", value = "a_z + bias_a", std = 0
 gyro_z = { column = "gyro_z_rad_s", unit = "rad/s", value = "r + bias_r", std = 0.05 }
 "#;
 const MASS_KG: f64 = 0.03;
-const NAMES: [&str; 6] = ["tau", "k", "yaw", "yaw_drag", "bias_a", "bias_r"];
-const TRUTH: [f64; 6] = [0.06, 0.42, 80.0, 1.8, -0.35, 0.04];
+const NAMES: [&str; 7] = ["tau", "k", "yaw", "yaw_drag", "bias_a", "bias_r", "input_lag_s"];
+const TRUTH: [f64; 7] = [0.06, 0.42, 80.0, 1.8, -0.35, 0.04, LAG_S];
+/// From when a command is logged to when the rotors begin to follow it.
+const LAG_S: f64 = 0.008;
 const ACCELERATION_STD_M_S2: f64 = 0.3;
 const RATE_STD_RAD_S: f64 = 0.03;
 /// The log's clock at its first row.
@@ -66,18 +68,18 @@ fn commands(t_s: f64) -> [f64; 2] {
 /// The table that an autopilot would have logged: rotors by the exact response of first order, the yaw rate by steps of a
 /// millisecond, where a straight line is good to 1e-6.
 fn table(seed: u64) -> String {
-    let [tau, k, yaw, yaw_drag, bias_a, bias_r] = TRUTH;
+    let [tau, k, yaw, yaw_drag, bias_a, bias_r, lag_s] = TRUTH;
     let mut random = Random::new(seed, 0);
-    let (mut m, mut r) = (commands(0.0), 0.3);
+    let (mut m, mut r) = (commands(-lag_s), 0.3);
     let mut out = "t_s,c1,c2,az_g,gz_deg_s\n".to_owned();
     for row in 0..(SECONDS as f64 / STEP_S) as usize {
         let t_s = row as f64 * STEP_S;
-        let own = commands(t_s);
+        let (logged, own) = (commands(t_s), commands(t_s - lag_s));
         let a_z =
             -k * (m[0] * m[0] + m[1] * m[1]) / MASS_KG + bias_a + ACCELERATION_STD_M_S2 * random.normal();
         let gyro = r + bias_r + RATE_STD_RAD_S * random.normal();
         let (t_s, a_g, gyro_deg_s) = (BEGIN_S + t_s, a_z / 9.80665, gyro.to_degrees());
-        out += &format!("{t_s:.6},{},{},{a_g:.9},{gyro_deg_s:.9}\n", own[0], own[1]);
+        out += &format!("{t_s:.6},{},{},{a_g:.9},{gyro_deg_s:.9}\n", logged[0], logged[1]);
         let next = [0, 1].map(|i| own[i] + (m[i] - own[i]) * f64::exp(-STEP_S / tau));
         let torque = |m: [f64; 2]| yaw * k * (m[0] * m[0] - m[1] * m[1]);
         let kept = f64::exp(-STEP_S * yaw_drag);
@@ -129,8 +131,8 @@ fn parameters_and_biases_of_a_simulated_log_are_found() {
         let fits = &results.output_error;
         let fit =
             fits.poses.as_ref().or(fits.filter.as_ref()).unwrap_or_else(|| panic!("{:?}", results.notes));
-        // What a commanded change of a tenth of its value would be; biases, of the noise of one sample.
-        let enough = [0.1, 0.1, 0.1, 0.1, ACCELERATION_STD_M_S2, RATE_STD_RAD_S];
+        // A tenth of the value; of biases, the noise of one sample; of the lag, a sample.
+        let enough = [0.1, 0.1, 0.1, 0.1, ACCELERATION_STD_M_S2, RATE_STD_RAD_S, STEP_S];
         for (k, (name, truth)) in NAMES.iter().zip(TRUTH).enumerate() {
             let p = fit.parameter(name).unwrap();
             println!("{name} {} ± {} ({truth})", p.value, p.std);

@@ -61,7 +61,9 @@ pub(super) fn assemble(solved: &Solved<'_>) -> Result<OutputErrorFit, IdentifyEr
     let factors = problem.weights.iter().enumerate().map(factor);
     let systematic = colour.map(|c| SystematicErrors { extent: c.extent(), share: c.correlated_share });
     let process_noise = process_noise(fitter);
-    let mut notes = notes(&parameters, systematic, lag, uneven.is_some());
+    let has_one_clock = problem.measurements.are_of_sensors_alone();
+    let mut notes: Vec<String> = late(&parameters, has_one_clock).into_iter().collect();
+    notes.extend(self::notes(&parameters, systematic, lag, uneven.is_some()));
     notes.extend(stopped(parameters.iter().filter(|p| is_stopped(p.parameter, p.std))));
     notes.extend(unmodelled(&process_noise));
     Ok(OutputErrorFit {
@@ -139,6 +141,20 @@ fn no_less_than(bound: &DMatrix<f64>, coloured: &DMatrix<f64>) -> DMatrix<f64> {
     bound.component_mul(&(&stretch * stretch.transpose()))
 }
 
+/// A lag of the inputs that is more than chance, in words. A log alone has one clock.
+fn late(parameters: &[FittedParameter], has_one_clock: bool) -> Option<String> {
+    let lag = parameters.iter().find(|p| p.parameter == ModelParameter::InputLag);
+    let p = lag.filter(|p| p.ci_low > 0.0 || p.ci_high < 0.0)?;
+    let (what, size) = if p.value > 0.0 { ("late", p.value) } else { ("early", -p.value) };
+    let advice = if has_one_clock { "" } else { ", but check the clocks" };
+    Some(format!(
+        "The inputs act {:.1} ± {:.1} ms {what} by the clock of the measurements, which is more than chance: the fit allows \
+         for it{advice}.",
+        1e3 * size,
+        1e3 * p.std
+    ))
+}
+
 fn notes(
     parameters: &[FittedParameter],
     systematic: Option<SystematicErrors>,
@@ -146,16 +162,6 @@ fn notes(
     uneven: bool,
 ) -> Vec<String> {
     let mut out = Vec::new();
-    if let Some(p) = parameters.iter().find(|p| p.parameter == ModelParameter::InputLag)
-        && (p.ci_low > 0.0 || p.ci_high < 0.0)
-    {
-        let (what, size) = if p.value > 0.0 { ("late", p.value) } else { ("early", -p.value) };
-        out.push(format!(
-            "The inputs act {:.1} ± {:.1} ms {what} by the clock of the measurements, which is more than chance: the fit allows for it, but check the clocks.",
-            1e3 * size,
-            1e3 * p.std
-        ));
-    }
     if let Some(errors) = systematic {
         out.push(format!(
             "{:.0} % of the measurements' variance is correlated over about {}: a slow effect is missing from the model or the measurements; weights and standard deviations allow for it.",

@@ -230,7 +230,7 @@ pub(super) type Estimate = fn(
 
 /// A fit of a model with the lag of the inputs free too, where their clock is not known; without, where the
 /// flight does not determine it.
-fn with_clock<T>(
+pub(super) fn with_clock<T>(
     model: &FlightModel,
     clock: InputClock,
     fit: impl Fn(&FlightModel) -> Result<T, IdentifyError>,

@@ -1,6 +1,6 @@
 //! Output error and filter error on a log alone: sensors of the aircraft without a camera.
 
-use super::flight::{Estimate, FlightFitOptions, FlightFits};
+use super::flight::{Estimate, FlightFitOptions, FlightFits, InputClock, with_clock};
 use super::measure::{LeftOut, Measurements, StateMeasurement};
 use super::model::{Equations, FlightModel};
 use super::shooting::LONGEST_GAP_S;
@@ -13,6 +13,9 @@ use nalgebra::{DMatrix, DVector};
 
 /// Guessed poses follow each other by this.
 const GUESSED_NS: i64 = 50_000_000;
+/// Inputs act within this of when they were logged: the dead time of buses, motor controllers and filters of sensors is some
+/// hundredths of a second.
+const LONGEST_LAG_S: f64 = 0.1;
 /// Rates that sensors show less than this of are not shown.
 const SHOWN: f64 = 1e-6;
 
@@ -25,6 +28,10 @@ impl FlightFits {
     /// and a fit starts from the turns that add up from there by those of the model's sensors that show rates. Inputs and
     /// sensors are of one clock. The further states begin anywhere.
     ///
+    /// The lag with which inputs act is free too, unless the options say that it is known; a log that does not determine it is
+    /// fitted without. Samples of the first and the last tenth of a second of the inputs are then left out, for which inputs
+    /// that act late or early are not known.
+    ///
     /// # Errors
     /// A vehicle that is not valid; sensors that are not those of the model; inputs that do not begin before the samples; a
     /// refusal of the fit becomes a sentence.
@@ -34,7 +41,12 @@ impl FlightFits {
         sensors: &SensorSeries,
         options: &FlightFitOptions<'_>,
     ) -> Result<Self, IdentifyError> {
-        let sensors = sensors.of(&vehicle.model)?.within(|t_ns| !options.holds_out(t_ns));
+        let margin_s = if options.clock == InputClock::Known { 0.0 } else { LONGEST_LAG_S };
+        let has_inputs = |t_ns: i64| {
+            let t_s = t_ns as f64 * 1e-9;
+            t_s >= inputs.start_s() + margin_s && t_s <= inputs.end_s() - margin_s
+        };
+        let sensors = sensors.of(&vehicle.model)?.within(|t_ns| !options.holds_out(t_ns) && has_inputs(t_ns));
         let model = FlightModel::with_outputs(vehicle, inputs)?;
         let states = guessed(&model, &model.inputs_of(inputs)?, &sensors)?;
         // They are where segments begin to be fitted from, and no measurements.
@@ -49,7 +61,8 @@ impl FlightFits {
         ];
         for (what, is_wanted, estimate, fit) in estimates {
             if is_wanted {
-                *fit = estimate(&model, inputs, &measured, &defaults)
+                let fitted = |model: &FlightModel| estimate(model, inputs, &measured, &defaults);
+                *fit = with_clock(&model, options.clock, fitted)
                     .map_err(|why| out.refusals.push(format!("No {what} from the log: {why}")))
                     .ok();
             }
