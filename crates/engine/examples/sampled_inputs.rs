@@ -3,8 +3,9 @@
 //!
 //! `cargo run --release -p mavsight-engine --example sampled_inputs -- FOLDER`: the folder has `vehicle.toml` and, for flights
 //! 11 to 22, `poses-N.csv` and `inputs-N.csv`. The rates of a flight are those of the equations of motion, with the drag that
-//! the flight model lacks, along the poses; the gyroscope shows them at 400 Hz with bias and noise of a consumer sensor,
-//! turned by 30° in the body, by a clock that began long before and gains 80 ppm, which the inputs have too.
+//! the flight model lacks and with inputs as late as they were, along the poses; the gyroscope shows them at 400 Hz with bias
+//! and noise of a consumer sensor, turned by 30° in the body, by a clock that began long before and gains 80 ppm, which the
+//! inputs have too.
 
 use mavsight_engine::{Flight, identify_from_poses};
 use mavsight_flight::{InputSeries, Interpolation, Vehicle};
@@ -30,6 +31,8 @@ const BIAS_RAD_S: [f64; 3] = [0.01, -0.02, 0.005];
 const NOISE_RAD_S: f64 = 2e-3;
 /// A part of a flight that is flown from a state of its own: short against the time in which errors of the model grow.
 const PART_S: f64 = 2.0;
+/// The inputs that moved the aircraft held for so long: they were half of that later than a line through their samples.
+const HELD_S: f64 = 0.001;
 /// Terms that the twelve flights have and the model leaves out.
 const LACKING: [&str; 2] = ["d_xy", "d_z"];
 
@@ -236,10 +239,11 @@ fn main() -> Result<(), Box<dyn Error>> {
         let [held, lines] =
             [Interpolation::Hold, Interpolation::Linear].map(|how| inputs(&path, &vehicle, how));
         let (held, lines) = (held?, lines?);
-        poses.retain(|pose| pose.t_ns as f64 * 1e-9 <= held.end_s());
-        let known = fitted(&vehicle, &lines, &poses)?;
-        let motion = identified(&vehicle, &lines, None, &poses)?.motion.ok_or("no motion")?;
-        let (rates, rms) = rates(&known, &lines, &motion, &poses)?;
+        let moved = lines.at_times(|t_s| t_s + 0.5 * HELD_S)?;
+        poses.retain(|pose| (moved.start_s()..=held.end_s()).contains(&(pose.t_ns as f64 * 1e-9)));
+        let known = fitted(&vehicle, &moved, &poses)?;
+        let motion = identified(&vehicle, &moved, None, &poses)?.motion.ok_or("no motion")?;
+        let (rates, rms) = rates(&known, &moved, &motion, &poses)?;
         let gyroscope = gyroscope(&rates, number);
         let [held, lines] = [held, lines].map(|inputs| inputs.at_times(log_s));
         let [held, lines] =
