@@ -56,6 +56,15 @@ struct Score {
     held: [f64; 2],
 }
 
+impl Score {
+    /// Of several flights of the same length together.
+    fn of_all(scores: &[Score]) -> Self {
+        let mean = |of: &dyn Fn(&Score) -> f64| scores.iter().map(of).sum::<f64>() / scores.len() as f64;
+        let rms = [0, 1].map(|q| mean(&|s| s.rms[q].powi(2)).sqrt());
+        Self { rms, held: [0, 1].map(|q| mean(&|s| s.held[q])) }
+    }
+}
+
 /// Errors of attitude (rad) and rates (rad/s) at an instant, and their standard deviations.
 struct Errors {
     t_ns: i64,
@@ -124,7 +133,7 @@ fn main() {
     let rates: Vec<_> = hover.chain(flown.iter().map(|s| (s.t_s, s.rates_rad_s))).collect();
     let line = |name: &str, score: &Score, over: &[f64; 2]| {
         println!(
-            "{name:<10} attitude {:.4} deg ({:.2}), rates {:.3} deg/s ({:.2}); 95 % intervals hold {:.1} and {:.1} %",
+            "{name:<10} attitude {:.4} deg ({:.3}), rates {:.3} deg/s ({:.2}); 95 % intervals hold {:.1} and {:.1} %",
             score.rms[0].to_degrees(),
             score.rms[0] / over[0],
             score.rms[1].to_degrees(),
@@ -134,12 +143,17 @@ fn main() {
         );
     };
     line("film alone", &alone, &alone.rms);
+    let mut scores = Vec::new();
     for seed in 0..seeds {
         let gyroscope = logged(&rates, seed);
         let alignment = align_log(&tracked.poses, &gyroscope).unwrap();
         let body_rates = alignment.body_rates(&gyroscope).unwrap();
         match motion_of(&tracked, Some(&body_rates), vehicle, &NoProgress) {
-            Ok(motion) => line(&format!("seed {seed}"), &scored(&motion, vehicle), &alone.rms),
+            Ok(motion) => {
+                let score = scored(&motion, vehicle);
+                line(&format!("seed {seed}"), &score, &alone.rms);
+                scores.push(score);
+            }
             Err(why) => println!("seed {seed}: {why}"),
         }
         let gap_ns = from_ns + (1.0e9 + 0.7e9 * seed as f64) as i64;
@@ -155,4 +169,5 @@ fn main() {
             }
         }
     }
+    line("all seeds", &Score::of_all(&scores), &alone.rms);
 }
