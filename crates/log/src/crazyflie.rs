@@ -4,7 +4,7 @@
 use crate::error::LogError;
 use crate::layout::{Budget, Kind, Layout, Place};
 use crate::log::{Log, Wanted};
-use crate::recorder::Recorder;
+use crate::recorder::{Recorder, breaks_off};
 use crate::topic::{Field, LogFormat};
 use crate::window::Window;
 use std::collections::HashMap;
@@ -144,14 +144,14 @@ fn read_events(
         }
         let broken =
             |what: &str| Ok(Some(format!("the log {what} at byte {offset}; what is before is read")));
-        let [low, high, rest @ ..] = shown else { return broken("breaks off") };
+        let [low, high, rest @ ..] = shown else { return Ok(Some(breaks_off(offset))) };
         let Some(event) = events.get(&u16::from_le_bytes([*low, *high])) else {
             return broken("is damaged, no event has that number,");
         };
         let Some((time, record)) =
             rest.split_at_checked(time_size).and_then(|(time, rest)| Some((time, rest.get(..event.size)?)))
         else {
-            return broken("breaks off");
+            return Ok(Some(breaks_off(offset)));
         };
         let ticks = time.iter().rev().fold(0, |ticks: u64, byte| ticks << 8 | u64::from(*byte));
         // Milliseconds in version 1, microseconds since.

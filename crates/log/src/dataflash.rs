@@ -6,7 +6,7 @@ mod format;
 use crate::error::LogError;
 use crate::layout::Kind;
 use crate::log::{Log, Wanted};
-use crate::recorder::Recorder;
+use crate::recorder::{Recorder, breaks_off};
 use crate::topic::LogFormat;
 use crate::window::Window;
 use format::Format;
@@ -64,7 +64,7 @@ pub(crate) fn read(mut window: Window<'_>, wanted: &Wanted<'_>) -> Result<Log, L
             }
             // Records are at least as long as their head: what is shorter, or longer than the file, is its end.
             Some((_, None)) => {
-                reader.notes.push(format!("the log breaks off at byte {offset}; what is before is read"));
+                reader.notes.push(breaks_off(offset));
                 break;
             }
             None => {

@@ -46,7 +46,11 @@ pub enum LogError {
         known: Vec<u32>,
     },
     /// A topic of several instances of which none was chosen.
-    #[error("{topic} has instances {}: say which is meant, for instance by instance = {}", list(.known), .known[0])]
+    #[error(
+        "{topic} has instances {}: say which is meant, by instance = {first} in a session, or by {topic}:FIELD,instance={first} or beside a preset --instance {first} on the command line",
+        list(.known),
+        first = .known[0]
+    )]
     ManyInstances {
         /// Topic.
         topic: String,

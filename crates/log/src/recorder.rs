@@ -99,6 +99,11 @@ impl<'a> Recorder<'a> {
     }
 }
 
+/// What is said of a log that ends within a record.
+pub(crate) fn breaks_off(offset: u64) -> String {
+    format!("the log breaks off at byte {offset}; what is before is read: copy it again if the card has more")
+}
+
 /// A log of one topic whose samples are there already.
 pub(crate) fn of_columns(format: LogFormat, name: &str, times_ns: &[i64], columns: Vec<Column>) -> Log {
     let mut recorder = Recorder::new(format, &|_, _, _| true);

@@ -5,7 +5,7 @@ mod format;
 use crate::error::LogError;
 use crate::layout::{Kind, Layout};
 use crate::log::{Log, Wanted};
-use crate::recorder::Recorder;
+use crate::recorder::{Recorder, breaks_off};
 use crate::topic::LogFormat;
 use crate::window::Window;
 use format::{Definitions, Shape};
@@ -114,7 +114,7 @@ impl Reader<'_, '_> {
     }
 
     fn breaks_off(&mut self, offset: u64) -> bool {
-        self.notes.push(format!("the log breaks off at byte {offset}; what is before is read"));
+        self.notes.push(breaks_off(offset));
         false
     }
 

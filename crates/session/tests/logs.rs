@@ -157,7 +157,12 @@ fn units_are_converted_or_asked_for() {
     assert!(read(odd, "V").expect_err("a refusal").to_string().contains("no known unit"));
     // Where no model says it, the name of the column may.
     let named = lab.refusal("a.ulg", None, &[input("speed_rad_s", "esc_status", "esc[0].esc_voltage")]);
-    assert!(named.contains("is in 1/s") || named.contains("the input is in"), "{named}");
+    assert!(named.contains("the input is in rad/s, and the log does not say"), "{named}");
+    // In the unit of the column's name, and not in that of SI.
+    assert!(
+        (read(input("speed_rpm", "esc_status", "esc[0].esc_rpm"), "?").expect("as it is") - 5000.0).abs()
+            < 1e-9
+    );
 }
 
 #[test]

@@ -193,25 +193,46 @@ fn drop_unused(log: &Log, inputs: &mut Vec<LogInput>, notes: &mut Vec<String>) {
     }
 }
 
+/// The unit in which an input must be.
+struct WantedUnit {
+    unit: Unit,
+    /// In SI.
+    size: f64,
+    text: String,
+}
+
+impl WantedUnit {
+    /// Of a model's input that of the model, which is of SI; of another that with which its name ends; `None` where neither
+    /// says it.
+    fn of(column: &str, unit_of: &UnitOf<'_>) -> Option<Self> {
+        let named = units::of_name(column).and_then(|text| {
+            let (size, unit) = units::in_si(text)?;
+            Some(Self { unit, size, text: text.to_owned() })
+        });
+        let Some(unit) = unit_of(column) else { return named };
+        let is_same = |named: &Self| named.unit == unit && named.size == 1.0;
+        Some(named.filter(is_same).unwrap_or_else(|| Self { unit, size: 1.0, text: unit.to_string() }))
+    }
+}
+
 /// By what a field is multiplied to be the input.
 fn factor(input: &LogInput, column: &Column, unit_of: &UnitOf<'_>) -> Result<f64, String> {
-    let wanted = unit_of(&input.column).or_else(|| Some(units::in_si(units::of_name(&input.column)?)?.1));
     let remedy = "give `scale`, by which it is multiplied";
-    match (input.scale, wanted) {
+    match (input.scale, WantedUnit::of(&input.column, unit_of)) {
         (Some(scale), _) if scale.is_finite() && scale != 0.0 => Ok(scale),
         (Some(scale), _) => Err(format!("scale is {scale}: give a number that is not 0")),
         (None, None) => Ok(1.0),
-        (None, Some(wanted)) => {
+        (None, Some(WantedUnit { unit: wanted, size, text: as_said })) => {
             let field = &input.field;
             let Some(text) = input.unit.as_ref().or(column.unit.as_ref()) else {
                 return Err(format!(
-                    "the input is in {wanted}, and the log does not say the unit of {field}: give its `unit`, or {remedy}"
+                    "the input is in {as_said}, and the log does not say the unit of {field}: give its `unit`, or {remedy}"
                 ));
             };
             match units::in_si(text) {
-                Some((factor, unit)) if unit == wanted => Ok(factor),
+                Some((factor, unit)) if unit == wanted => Ok(factor / size),
                 Some((_, unit)) => Err(format!(
-                    "the input is in {wanted}, but {field} is in {text}, which is {unit} in SI: name another field, or {remedy}"
+                    "the input is in {as_said}, but {field} is in {text}, which is {unit} in SI: name another field, or {remedy}"
                 )),
                 None => Err(format!("{field} is in {text:?}, which is no known unit: {remedy}")),
             }
