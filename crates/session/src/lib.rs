@@ -8,6 +8,8 @@ mod files;
 pub mod foreign;
 pub mod logs;
 #[cfg(feature = "parquet")]
+mod parquet_headers;
+#[cfg(feature = "parquet")]
 mod parquet_rows;
 pub mod results;
 mod session_file;

@@ -3,6 +3,7 @@
 use crate::SessionError;
 use crate::decimal::decimal_from_ns;
 use crate::error::read_bytes;
+use crate::parquet_headers::Walked;
 use bytes::Bytes;
 use csv::StringRecord;
 use parquet::errors::ParquetError;
@@ -30,7 +31,7 @@ pub(crate) fn read(path: &Path, role: &str) -> Result<Rows, SessionError> {
 
 /// The rows, or the name of a column that has none of its own in them.
 fn rows_of(bytes: Bytes) -> Result<Result<Rows, String>, ParquetError> {
-    let reader = SerializedFileReader::new(bytes)?;
+    let reader = SerializedFileReader::new(Walked::new(bytes)?)?;
     let schema = reader.metadata().file_metadata().schema().clone();
     let fields = schema.get_fields();
     if let Some(nested) = fields.iter().find(|f| !f.is_primitive()) {
