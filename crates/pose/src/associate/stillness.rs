@@ -94,6 +94,11 @@ impl Repeated {
         (self.since_ns, self.images, self.first) = (frame.t_ns, 1, None);
         self.began.take(frame.seen);
     }
+
+    /// Whether the last image shows no more than one before it.
+    pub(super) fn is_repeated(&self) -> bool {
+        self.images > 1
+    }
 }
 
 impl Associator {
