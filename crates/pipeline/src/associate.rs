@@ -2,12 +2,12 @@
 
 use crate::health;
 use crate::markers::{MARKERS_STD_M, MarkerColors, body_markers};
-use crate::misfit::{self, ClockEvidence, ObservationSample};
+use crate::misfit::{self, ClockEvidence, MovingDecoy, MovingDecoys, ObservationSample};
 use crate::tracked::Tracked;
 use crate::watch::{CameraWatch, standing};
 use crate::{Cause, Finding, PipelineError};
 use mavsight_flight::Vehicle;
-use mavsight_geometry::Vector3;
+use mavsight_geometry::{Camera, Vector3};
 use mavsight_pose::{Association, Associator, MovedCamera, PoseEstimator, Rig, TrackedDetection};
 
 /// One instant of a flight: what all cameras saw, and what was made of it.
@@ -27,8 +27,10 @@ pub struct Instant<'a> {
 #[derive(Debug)]
 pub struct FlightAssociator {
     associator: Associator,
+    cameras: Vec<Camera>,
     colors: Vec<usize>,
     sample: ObservationSample,
+    moving: MovingDecoys,
 }
 
 impl FlightAssociator {
@@ -41,7 +43,9 @@ impl FlightAssociator {
         let colors = MarkerColors::of(vehicle).of_marker;
         let associator = Associator::new(estimator, rig, &colors, MARKERS_STD_M)
             .map_err(|source| PipelineError::Pose { place: "the vehicle's markers".into(), source })?;
-        Ok(Self { associator, colors, sample: ObservationSample::default() })
+        let cameras = rig.cameras.iter().map(|c| c.camera).collect();
+        let (sample, moving) = Default::default();
+        Ok(Self { associator, cameras, colors, sample, moving })
     }
 
     /// What happened to the cameras and how well they saw the markers, into what was tracked.
@@ -60,20 +64,39 @@ impl FlightAssociator {
         tracked.findings.extend(standing);
     }
 
-    /// Balls of a marker's colour and size that stand in the room.
+    /// Balls of a marker's colour and size that stand in the room or move through it.
     fn decoys(&self, rig: &Rig) -> Vec<Finding> {
         let markers = self.associator.estimator().markers();
-        let found = self.sample.unclaimed().balls(rig, markers, &self.colors);
-        let of = |(color, at): (usize, Vector3<f64>)| {
-            let marker =
-                self.colors.iter().position(|c| *c == color).map_or("a marker", |m| markers[m].name.as_str());
-            let note = format!(
-                "A ball of the colour and size of {marker} stands in the room at ({:.2}, {:.2}, {:.2}) m: no pose uses it. Cover it.",
-                at.x, at.y, at.z
-            );
-            Finding::of(Cause::Decoy, None, note)
+        let name = |color: usize| {
+            self.colors.iter().position(|c| *c == color).map_or("a marker", |m| markers[m].name.as_str())
         };
-        found.into_iter().map(of).collect()
+        let standing = self.sample.unclaimed().balls(rig, markers, &self.colors);
+        let stands = |(color, at): (usize, Vector3<f64>)| {
+            format!(
+                "A ball of the colour and size of {} stands in the room at ({:.2}, {:.2}, {:.2}) m: no pose uses it. Cover it.",
+                name(color),
+                at.x,
+                at.y,
+                at.z
+            )
+        };
+        let moves = |MovingDecoy { color, from: (from_ns, from), to: (to_ns, to) }: &MovingDecoy| {
+            format!(
+                "A ball of the colour and size of {} moves through the room, from ({:.2}, {:.2}, {:.2}) m at {:.3} s to ({:.2}, {:.2}, \
+                 {:.2}) m at {:.3} s, while the aircraft is seen elsewhere: no pose uses it. Keep it out of the cameras' view.",
+                name(*color),
+                from.x,
+                from.y,
+                from.z,
+                *from_ns as f64 * 1e-9,
+                to.x,
+                to.y,
+                to.z,
+                *to_ns as f64 * 1e-9
+            )
+        };
+        let notes = standing.into_iter().map(stands).chain(self.moving.found().iter().map(moves));
+        notes.map(|note| Finding::of(Cause::Decoy, None, note)).collect()
     }
 
     fn names(&self) -> Vec<String> {
@@ -85,6 +108,8 @@ impl FlightAssociator {
         let found = self.associator.associate(t_ns, seen);
         let moved = self.associator.moved_cameras();
         self.sample.take(seen, &self.colors, &found, |camera| moved.iter().any(|m| m.camera == camera));
+        let body = (self.associator.estimator().markers(), self.colors.as_slice());
+        self.moving.take(&self.cameras, body, seen, &found);
         found
     }
 

@@ -2,7 +2,8 @@
 //!
 //! The frames of a camera come at equal times, less some that are missing. A clock that is set leaves a time between two
 //! frames that is no multiple of theirs, and so does a camera that pauses. Which of them it was, the flight shows: by a
-//! clock that was set, the aircraft is elsewhere from then on.
+//! clock that was set, the aircraft is elsewhere from then on. A clock that is set by a whole number of frames looks as if
+//! frames were missing or came twice: it is found where the flight shows it decidedly.
 
 use crate::markers::{MarkerColors, body_markers};
 use crate::stream::Stream;
@@ -19,6 +20,9 @@ const OUT_OF_BEAT: f64 = 0.1;
 
 /// Steps of one camera that are looked for: more of them are a clock that is no clock.
 const MOST_STEPS: usize = 3;
+
+/// Places of one camera at which frames are missing or came twice that are looked at, the largest first.
+const MOST_WHOLE: usize = 4;
 
 /// Twice the logarithm of the odds, 999 to 1, at which it is decided what happened.
 const DECISIVE: f64 = 13.8;
@@ -41,8 +45,9 @@ pub(crate) fn set_right(streams: &mut [Stream], rig: &Rig, vehicle: &Vehicle) ->
     let mut findings = Vec::new();
     for camera in 1..streams.len() {
         for _ in 0..MOST_STEPS {
-            let happened = |at| Some((at, what_happened(streams, camera, at, rig, vehicle)?));
-            let Some((at, what)) = out_of_beat(&streams[camera]).into_iter().find_map(happened) else {
+            let happened =
+                |place: Place| Some((place.at, what_happened(streams, camera, place, rig, vehicle)?));
+            let Some((at, what)) = places(&streams[camera]).into_iter().find_map(happened) else {
                 break;
             };
             let (name, t_s) = (&streams[camera].name, streams[camera].stamps_ns[at] as f64 * 1e-9);
@@ -73,28 +78,51 @@ pub(crate) fn set_right(streams: &mut [Stream], rig: &Rig, vehicle: &Vehicle) ->
     findings
 }
 
-/// Numbers of the frames before which the frames' beat is broken, while it is regular on both sides.
-fn out_of_beat(stream: &Stream) -> Vec<usize> {
+/// A frame before which a clock may have been set.
+#[derive(Clone, Copy)]
+struct Place {
+    at: usize,
+    /// Whether the frames keep their beat there: some are missing, or came with stamps that others had.
+    is_whole: bool,
+    /// Frames that are missing or came twice.
+    frames: usize,
+}
+
+/// Frames before which the beat is broken, and then those at which frames are missing or came twice, the most first; the frames
+/// are regular on both sides.
+fn places(stream: &Stream) -> Vec<Place> {
     let interval_ns = stream.interval_s() * 1e9;
-    let is_off = |w: &[i64]| {
-        let beats = (w[1] - w[0]) as f64 / interval_ns;
-        (beats - beats.round()).abs() > OUT_OF_BEAT || beats < 0.5
+    let place = |(k, w): (usize, &[i64])| {
+        let (at, beats) = (k + 1, (w[1] - w[0]) as f64 / interval_ns);
+        let is_off = (beats - beats.round()).abs() > OUT_OF_BEAT || beats < 0.5;
+        let frames = backward(stream, at) + (beats.round() as usize).saturating_sub(1);
+        (is_off || frames > 0).then_some(Place { at, is_whole: !is_off, frames })
     };
-    let steps = stream.stamps_ns.windows(2).enumerate();
-    let broken: Vec<usize> = steps.filter(|(_, w)| is_off(w)).map(|(k, _)| k + 1).collect();
-    let is_alone = |k: &usize| {
-        let near = |other: &usize| other != k && other.abs_diff(*k) <= REGULAR_FRAMES;
-        let is_within = *k >= REGULAR_FRAMES && *k + REGULAR_FRAMES <= stream.stamps_ns.len();
-        is_within && !broken.iter().any(near)
+    let all: Vec<Place> = stream.stamps_ns.windows(2).enumerate().filter_map(place).collect();
+    let is_alone = |own: &&Place| {
+        // Of stamps that came twice the places just before have some too.
+        let rivals = |other: &&Place| !other.is_whole || (own.is_whole && other.frames >= own.frames);
+        let is_near = |other: &Place| other.at != own.at && other.at.abs_diff(own.at) <= REGULAR_FRAMES;
+        let is_within = own.at >= REGULAR_FRAMES && own.at + REGULAR_FRAMES <= stream.stamps_ns.len();
+        is_within && !all.iter().filter(rivals).any(is_near)
     };
-    broken.iter().copied().filter(is_alone).collect()
+    let alone = all.iter().filter(is_alone).copied();
+    let (mut whole, mut out): (Vec<Place>, Vec<Place>) = alone.partition(|place| place.is_whole);
+    whole.sort_by_key(|place| std::cmp::Reverse(place.frames));
+    out.extend(whole.into_iter().take(MOST_WHOLE));
+    out
+}
+
+/// Frames whose stamps were not after those before them that came before a frame, in its beat.
+fn backward(stream: &Stream, at: usize) -> usize {
+    (1..).take_while(|k| stream.has_backward(at, *k, OUT_OF_BEAT)).count()
 }
 
 /// What broke the beat before a frame; nothing happened to the clock of a camera that paused.
 fn what_happened(
     streams: &[Stream],
     camera: usize,
-    at: usize,
+    Place { at, is_whole, .. }: Place,
     rig: &Rig,
     vehicle: &Vehicle,
 ) -> Option<Break> {
@@ -102,7 +130,7 @@ fn what_happened(
     let interval_s = stream.interval_s();
     let gap_s = (stream.stamps_ns[at] - stream.stamps_ns[at - 1]) as f64 * 1e-9;
     // Frames whose stamps were not after those before them came in between; those are in the new beat.
-    let backward = (1..).take_while(|k| stream.has_backward(at, *k, OUT_OF_BEAT)).count();
+    let backward = backward(stream, at);
     let by_s = |missing: usize| gap_s - (1 + backward + missing) as f64 * interval_s;
     let ns = |by_s: f64| (by_s * 1e9).round() as i64;
     let after = clock_of(streams, camera, at..stream.stamps_ns.len(), rig, vehicle);
@@ -121,11 +149,11 @@ fn what_happened(
     let most = ((gap_s / interval_s) as usize).saturating_sub(1);
     let best = (0..=most).map(by_s).min_by(|a, b| square(*a).total_cmp(&square(*b))).unwrap_or(by_s(0));
     let set_s = if square(by_s(0)) - square(best) < DECISIVE { by_s(0) } else { best };
-    // No time passes backward.
-    let lead = if backward > 0 { f64::INFINITY } else { square(0.0) - square(set_s) };
+    // No time passes backward; but frames may be written twice.
+    let lead = if backward > 0 && !is_whole { f64::INFINITY } else { square(0.0) - square(set_s) };
     if lead >= DECISIVE {
         Some(Break::Set(ns(set_s)))
-    } else if lead <= -DECISIVE {
+    } else if lead <= -DECISIVE || is_whole {
         None
     } else {
         Some(Break::Undecided(ns(set_s)))
@@ -180,7 +208,9 @@ mod tests {
     #[test]
     fn a_clock_that_was_set_is_set_right_whether_it_was_known_or_not() {
         let sound = streams()[1].stamps_ns.clone();
-        for (by_ms, is_known) in [(20, true), (-12, false), (150, false), (-90, true)] {
+        for (by_ms, is_known) in
+            [(20, true), (-12, false), (150, false), (-90, true), (100, true), (-67, false), (33, false)]
+        {
             let mut stepped = streams();
             if !is_known {
                 stepped[1].clock = ClockPrior::unknown();

@@ -19,6 +19,7 @@ mod markers;
 mod misfit;
 mod poses;
 mod progress;
+mod pushed;
 mod reconstruct;
 mod refine;
 mod sharpness;

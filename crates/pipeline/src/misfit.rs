@@ -5,12 +5,14 @@ mod clocks;
 mod decoys;
 mod exchanges;
 mod moved;
+mod moving_decoys;
 mod sample;
 mod scale;
 #[cfg(test)]
 mod tests;
 
 pub(crate) use clocks::ClockEvidence;
+pub(crate) use moving_decoys::{MovingDecoy, MovingDecoys};
 pub(crate) use sample::ObservationSample;
 
 use crate::{Cause, Finding, PipelineError};

@@ -11,6 +11,9 @@ use mavsight_pose::{
     TrackedDetection,
 };
 
+/// Why a body that is upside down all the while may be another than the file's.
+const UPSIDE_DOWN: &str = "it is upside down all the while: colours exchanged, axes turned, or flown so";
+
 /// Poses of instants as they come, each with the last one before it as a hint, and all of them again at the
 /// end.
 pub(crate) struct Reconstruction {
@@ -69,17 +72,21 @@ impl Reconstruction {
         }
     }
 
-    /// Takes back the poses where what was seen is decidedly not the body of the vehicle file, in its colours or its size: what
-    /// was taken for a marker is another one, and no covariance allows for that.
+    /// Takes back the poses where what was seen is not the body of the vehicle file, in its colours, its size or its axes, or may
+    /// as well be another: what was taken for a marker is another one, and no covariance allows for that.
     pub(crate) fn withhold_what_is_of_another_body(&mut self) {
-        let is_of_body = |cause: &Cause| matches!(cause, Cause::ColorsExchanged | Cause::BodyScale);
-        let Some(cause) = self.tracked.findings.iter().filter_map(Finding::cause).find(is_of_body) else {
-            return;
+        let is_of_body =
+            |cause: &Cause| matches!(cause, Cause::ColorsExchanged | Cause::BodyScale | Cause::BodyAxes);
+        let is_another = |f: &&Finding| !f.causes.is_empty() && f.causes.iter().all(is_of_body);
+        let Some(finding) = self.tracked.findings.iter().find(is_another) else { return };
+        let words = match finding.cause() {
+            Some(cause @ (Cause::ColorsExchanged | Cause::BodyScale)) => cause.words(),
+            _ => UPSIDE_DOWN,
         };
         self.tracked.observations = Observations::default();
         self.tracked.diameters_px.clear();
         for pose in &mut self.tracked.poses {
-            pose.estimate = Err(PoseError::AnotherBody(cause.words()));
+            pose.estimate = Err(PoseError::AnotherBody(words));
         }
     }
 
@@ -118,6 +125,7 @@ pub fn reconstruct(
 mod tests {
     use super::*;
     use crate::testing::{rig, seen_by};
+    use mavsight_pose::PoseSample;
     use std::collections::BTreeMap;
 
     fn reconstructed(vehicle: &Vehicle) -> Tracked {
@@ -128,17 +136,24 @@ mod tests {
         reconstruct(&rig(), vehicle, instants).expect("a flight")
     }
 
-    /// Positions ten times too large were named, and the poses given all the same.
+    /// Positions ten times too large, and colours of opposite balls that turn a flat body over, were named, and the poses given
+    /// all the same.
     #[test]
     fn poses_of_a_body_that_is_not_the_files_are_withheld() {
-        let mut vehicle = Vehicle::paper();
-        assert!(reconstructed(&vehicle).poses.iter().all(|p| p.estimate.is_ok()));
-        for marker in &mut vehicle.marker {
+        let sound = Vehicle::paper();
+        assert!(reconstructed(&sound).poses.iter().all(|p| p.estimate.is_ok()));
+        let (mut larger, mut exchanged) = (sound.clone(), sound);
+        for marker in &mut larger.marker {
             marker.position_m = marker.position_m.map(|x| 10.0 * x);
         }
-        let tracked = reconstructed(&vehicle);
-        let another = PoseError::AnotherBody(Cause::BodyScale.words());
-        assert!(tracked.poses.iter().all(|p| p.estimate.as_ref() == Err(&another)), "{:?}", tracked.poses[0]);
-        assert_eq!(tracked.observations.iter().count(), 0);
+        let opposite_m = exchanged.marker[2].position_m;
+        exchanged.marker[2].position_m = exchanged.marker[0].position_m;
+        exchanged.marker[0].position_m = opposite_m;
+        for (vehicle, words) in [(larger, Cause::BodyScale.words()), (exchanged, UPSIDE_DOWN)] {
+            let tracked = reconstructed(&vehicle);
+            let is_withheld = |p: &PoseSample| p.estimate == Err(PoseError::AnotherBody(words));
+            assert!(tracked.poses.iter().all(is_withheld), "{:?}", tracked.poses[0]);
+            assert_eq!(tracked.observations.iter().count(), 0);
+        }
     }
 }

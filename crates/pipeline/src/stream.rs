@@ -1,17 +1,17 @@
 //! What one camera saw, by its own clock, and what was wrong with its frames.
 
+use crate::PipelineError;
 use crate::feed::{Clap, usual_interval_ns};
 use crate::markers::MarkerColors;
-use crate::{Cause, Finding, PipelineError};
 use mavsight_geometry::{Matrix2, Vector2};
 use mavsight_pose::{CameraStream, ClockPrior, MarkerObservation, TrackedDetection};
 
+mod frozen;
+
+pub(crate) use frozen::leave_out_still;
+
 /// Frames further apart than this many intervals have others missing between them.
 const GAP_INTERVALS: f64 = 1.5;
-
-/// Copies in a row from which a camera is frozen: what changes a rate repeats an image once or, from 24 to 60 a
-/// second, twice.
-const FROZEN_COPIES: usize = 4;
 
 /// Faults that are noted one by one; of more, the number.
 const MOST_NOTED: usize = 3;
@@ -41,6 +41,15 @@ impl StoredDetection {
             is_static: s.is_static,
             is_preferred: s.is_preferred,
         }
+    }
+
+    pub(crate) fn color(&self) -> usize {
+        self.color.into()
+    }
+
+    /// Variance of a coordinate, in the mean of both.
+    pub(crate) fn variance_px2(&self) -> f64 {
+        0.5 * f64::from(self.covariance_px2[0] + self.covariance_px2[2])
     }
 
     /// The detection in a frame of a camera.
@@ -239,14 +248,19 @@ impl Stream {
         }
     }
 
-    /// All that was seen.
-    pub(crate) fn detections(&self) -> impl Iterator<Item = TrackedDetection> + '_ {
+    /// Frame by frame, its time stamp and what was seen in it.
+    pub(crate) fn frames(&self) -> impl Iterator<Item = (i64, &[StoredDetection])> {
         let mut rest = self.detections.as_slice();
-        self.stamps_ns.iter().zip(&self.counts).flat_map(move |(stamp_ns, count)| {
+        self.stamps_ns.iter().zip(&self.counts).map(move |(stamp_ns, count)| {
             let (own, later) = rest.split_at((*count).into());
             rest = later;
-            own.iter().map(|s| s.detection(self.camera, *stamp_ns))
+            (*stamp_ns, own)
         })
+    }
+
+    /// All that was seen.
+    pub(crate) fn detections(&self) -> impl Iterator<Item = TrackedDetection> + '_ {
+        self.frames().flat_map(move |(t_ns, own)| own.iter().map(move |s| s.detection(self.camera, t_ns)))
     }
 
     /// Frame by frame, its time stamp and what was seen in it; what was handed out is let go.
@@ -330,34 +344,6 @@ impl Stream {
         }));
         notes.extend(self.gaps());
         notes
-    }
-
-    /// Runs of copies that are too long for a converter's: first and last stamp, and how many.
-    fn frozen_runs(&self) -> Vec<(i64, i64, usize)> {
-        let is_new_between = |from_ns: i64, to_ns: i64| {
-            let next = self.stamps_ns.partition_point(|t| *t <= from_ns);
-            self.stamps_ns.get(next).is_some_and(|t| *t < to_ns)
-        };
-        let runs = self.faults.copies_ns.chunk_by(|a, b| !is_new_between(*a, *b));
-        let long = runs.filter(|run| run.len() >= FROZEN_COPIES);
-        long.filter_map(|run| Some((*run.first()?, *run.last()?, run.len()))).collect()
-    }
-
-    /// That the camera repeated one image for long.
-    pub(crate) fn frozen(&self) -> Option<Finding> {
-        let runs = self.frozen_runs();
-        let (from_ns, to_ns, _) = *runs.first()?;
-        let count: usize = runs.iter().map(|r| r.2).sum();
-        let more =
-            if runs.len() > 1 { format!(", and {} more times", runs.len() - 1) } else { String::new() };
-        let note = format!(
-            "{} froze: it repeats one image from {:.3} s to {:.3} s{more}, {count} frame(s) in all, sample by sample: they are \
-             left out. Check its cable, its bandwidth and its driver.",
-            self.name,
-            from_ns as f64 * 1e-9,
-            to_ns as f64 * 1e-9
-        );
-        Some(Finding::of(Cause::CameraFrozen, Some(self.camera), note))
     }
 
     /// Frames missing between those that came; copies came.

@@ -4,11 +4,14 @@ use crate::associate::{FlightAssociator, Instant};
 use crate::markers::{MarkerColors, body_markers};
 use crate::misfit::ClockEvidence;
 use crate::reconstruct::Reconstruction;
-use crate::stream::{Stream, refuse_one_recording_twice};
+use crate::stream::{Stream, leave_out_still, refuse_one_recording_twice};
 use crate::tracked::Tracked;
 use crate::tracker::{CameraTracker, TrackedFrame};
 use crate::watch::CameraWatch;
-use crate::{CameraFeed, PipelineError, Progress, Stage, TimedFrame, clock_start, clock_step, synchronize};
+use crate::{
+    CameraFeed, Finding, PipelineError, Progress, Stage, TimedFrame, clock_start, clock_step, pushed,
+    synchronize,
+};
 use mavsight_flight::Vehicle;
 use mavsight_pose::{
     CameraClock, CameraStream, ClockVerdict, Rig, estimate_clocks, informative_stretches_ns,
@@ -138,8 +141,10 @@ pub(crate) fn joined(
     let mut notes = clock_start::start_by_flash(&mut streams);
     notes.extend(clock_start::start_by_clap(&mut streams, rig));
     refuse_one_recording_twice(&streams)?;
-    let mut found = clock_step::set_right(&mut streams, rig, vehicle);
-    found.extend(streams.iter().filter_map(Stream::frozen));
+    let mut found: Vec<Finding> = streams.iter().filter_map(Stream::frozen).collect();
+    found.extend(leave_out_still(&mut streams));
+    found.extend(pushed::leave_out(&mut streams, &colors));
+    found.extend(clock_step::set_right(&mut streams, rig, vehicle));
     notes.splice(0..0, streams.iter().flat_map(Stream::notes));
     let spans_ns = streams.iter().map(Stream::span_ns);
     let span_ns = spans_ns.reduce(|all, s| (all.0.min(s.0), all.1.max(s.1))).unwrap_or_default();

@@ -18,3 +18,4 @@ mod watch;
 
 pub use associator::{Association, Associator};
 pub use history::MovedCamera;
+pub use stillness::{BallPlaces, Displacement, LONGEST_APART_NS, STILL_IMAGES, is_far};

@@ -222,8 +222,8 @@ pub enum PoseError {
         /// Root of the mean square.
         times: f64,
     },
-    /// What was seen is not the body that is described.
-    #[error("what was seen is not the body of the vehicle file ({0}): correct the file")]
+    /// What was seen is not the body that is described, or may as well be another.
+    #[error("what was seen is not decidedly the body of the vehicle file ({0}): correct the file")]
     AnotherBody(&'static str),
     /// The uncertainty of the markers' positions does not belong to these markers.
     #[error(

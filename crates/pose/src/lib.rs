@@ -23,7 +23,9 @@ mod statistics;
 mod testing;
 mod three_points;
 
-pub use associate::{Association, Associator, MovedCamera};
+pub use associate::{
+    Association, Associator, BallPlaces, Displacement, LONGEST_APART_NS, MovedCamera, STILL_IMAGES, is_far,
+};
 pub use calibrate::{
     ByFlight, CameraControl, CameraModel, ControlResidual, ImagesUsed, LeftOut, LeftOutReason, Lens,
     MovedObject, ObjectDoubt, ObjectImages, ObjectLags, Pixels, Rig, RigCamera, calibrate, calibrate_with,

@@ -1,6 +1,6 @@
 //! Balls of a marker's colour and size that stand in the room.
 
-use mavsight_geometry::{ImagePoint, Matrix2, Vector2, Vector3, triangulate};
+use mavsight_geometry::{Camera, ImagePoint, Matrix2, Vector2, Vector3, triangulate};
 use mavsight_pose::{Association, BodyMarker, Rig, TrackedDetection};
 use std::collections::BTreeMap;
 
@@ -77,7 +77,10 @@ impl Unclaimed {
                 }
                 let marker = colors.iter().position(|c| c == color).and_then(|m| markers.get(m));
                 let Some(marker) = marker else { continue };
-                let place = place(rig, [(*camera, one), (*other_camera, other)], 2.0 * marker.radius_m);
+                let image = |camera: usize, sums: &Sums| -> BallImage<'_> {
+                    (&rig.cameras[camera].camera, sums.middle(), sums.diameter_px / sums.count)
+                };
+                let place = place([image(*camera, one), image(*other_camera, other)], 2.0 * marker.radius_m);
                 out.extend(place.map(|place| (*color, place)));
             }
         }
@@ -85,21 +88,19 @@ impl Unclaimed {
     }
 }
 
+/// A ball's image in a camera: its centre and its diameter.
+pub(super) type BallImage<'a> = (&'a Camera, Vector2<f64>, f64);
+
 /// Where two images show one ball of this diameter, if they do.
-fn place(rig: &Rig, images: [(usize, &Sums); 2], diameter_m: f64) -> Option<Vector3<f64>> {
-    let image = |(camera, sums): (usize, &Sums)| ImagePoint {
-        camera: &rig.cameras[camera].camera,
-        pixel: sums.middle(),
-        covariance_px2: Matrix2::identity(),
-    };
-    let met = triangulate(&images.map(image)).ok()?;
+pub(super) fn place(images: [BallImage<'_>; 2], diameter_m: f64) -> Option<Vector3<f64>> {
+    let points =
+        images.map(|(camera, pixel, _)| ImagePoint { camera, pixel, covariance_px2: Matrix2::identity() });
+    let met = triangulate(&points).ok()?;
     let at = met.point_in_world_m;
-    let is_as_large = images.iter().all(|(camera, sums)| {
-        let view = &rig.cameras[*camera].camera;
+    let is_as_large = images.iter().all(|(view, _, diameter_px)| {
         let focal_px = (view.intrinsics.fx_px * view.intrinsics.fy_px).abs().sqrt();
         let expected_px = focal_px * diameter_m / (at - view.centre_in_world()).norm();
-        let ratio = sums.diameter_px / sums.count / expected_px;
-        (1.0 / ALIKE..=ALIKE).contains(&ratio)
+        (1.0 / ALIKE..=ALIKE).contains(&(diameter_px / expected_px))
     });
     (met.residual_px < MEETS_PX && is_as_large).then_some(at)
 }

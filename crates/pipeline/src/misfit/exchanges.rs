@@ -209,7 +209,8 @@ impl Evidence<'_> {
         }
         let note = format!(
             "The body is upside down in all that was looked at: it was flown so, or the axes of the vehicle file are not forward, \
-             right and down{other}. The images do not show which."
+             right and down{other}. The images do not show which, and no pose is given: correct the file; if it was flown so, film it \
+             upright for a fifth of the time as well."
         );
         Ok(Some(Finding { causes, camera: None, note }))
     }

@@ -1,6 +1,7 @@
 //! What a camera's frames and their faults are noted as.
 
 use super::*;
+use crate::Cause;
 use mavsight_pose::CameraClock;
 
 fn stream(stamps: &[(f64, u8)]) -> Stream {

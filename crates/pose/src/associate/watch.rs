@@ -3,6 +3,7 @@
 use super::associator::{Association, Associator, DECISIVE_LOG_ODDS};
 use super::frame::Frame;
 use super::history::{Belief, LEAST_DEGREES, MovedCamera};
+use super::stillness::Repeated;
 use crate::TrackedDetection;
 use mavsight_geometry::{Matrix2, Vector2};
 use nalgebra::Matrix2x6;
@@ -111,6 +112,9 @@ impl Associator {
             others().for_each(|(index, marker)| self.narrow(&mut belief, &frame.seen[*index], *marker));
             let Some(shift) = self.shift(camera, frame, &belief) else { continue };
             let still_since_ns = self.watch.still_since_ns(camera, (frame.t_ns, frame.seen), shift.mean_px);
+            // Balls that are seen anew in a place where they stand are no frozen image's.
+            let is_frozen = self.watch.repeated.get(camera).is_some_and(Repeated::is_repeated);
+            let still_since_ns = still_since_ns.filter(|_| is_frozen);
             if !self.watch.is_beyond_usual(camera, shift.square) || !shift.is_common {
                 continue;
             }
