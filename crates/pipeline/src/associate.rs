@@ -44,7 +44,7 @@ impl FlightAssociator {
         let associator = Associator::new(estimator, rig, &colors, MARKERS_STD_M)
             .map_err(|source| PipelineError::Pose { place: "the vehicle's markers".into(), source })?;
         let cameras = rig.cameras.iter().map(|c| c.camera).collect();
-        let (sample, moving) = Default::default();
+        let (sample, moving) = (ObservationSample::default(), MovingDecoys::default());
         Ok(Self { associator, cameras, colors, sample, moving })
     }
 
