@@ -108,8 +108,8 @@ impl FlightAssociator {
         let found = self.associator.associate(t_ns, seen);
         let moved = self.associator.moved_cameras();
         self.sample.take(seen, &self.colors, &found, |camera| moved.iter().any(|m| m.camera == camera));
-        let body = (self.associator.estimator().markers(), self.colors.as_slice());
-        self.moving.take(&self.cameras, body, seen, &found);
+        let markers = self.associator.estimator().markers();
+        self.moving.take(&self.cameras, markers, &self.colors, seen, &found);
         found
     }
 

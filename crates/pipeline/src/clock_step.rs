@@ -16,7 +16,7 @@ const REGULAR_FRAMES: usize = 8;
 
 /// Part of the time between frames by which a step leaves their beat: what is less matters less than the eighth of it to
 /// which clocks are determined.
-const OUT_OF_BEAT: f64 = 0.1;
+pub(crate) const OUT_OF_BEAT: f64 = 0.1;
 
 /// Steps of one camera that are looked for: more of them are a clock that is no clock.
 const MOST_STEPS: usize = 3;
@@ -25,7 +25,7 @@ const MOST_STEPS: usize = 3;
 const MOST_WHOLE: usize = 4;
 
 /// Twice the logarithm of the odds, 999 to 1, at which it is decided what happened.
-const DECISIVE: f64 = 13.8;
+pub(crate) const DECISIVE: f64 = 13.8;
 
 /// Part of the time between frames to which a clock is known that is determined, as for clocks.
 const DETERMINED: f64 = 0.125;

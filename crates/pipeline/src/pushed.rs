@@ -4,10 +4,12 @@
 //! two curves that meet. Where they do not in one camera, and do in the others, that camera was pushed. It takes no pose, and
 //! finds which of two cameras it was, which what both see together does not show.
 
+use crate::clock_step::{DECISIVE, OUT_OF_BEAT};
 use crate::markers::MarkerColors;
 use crate::stream::{StoredDetection, Stream};
 use crate::{Cause, Finding};
 use mavsight_geometry::{Matrix2, Matrix3, Vector2, Vector3};
+use mavsight_pose::LONGEST_APART_NS;
 use nalgebra::Matrix3x2;
 use std::collections::VecDeque;
 
@@ -26,17 +28,8 @@ const LEAST_BALLS: usize = 3;
 /// 43 million frames with three windows each: the square is 2 ln(1.3e8).
 const STEPPED: f64 = 6.1;
 
-/// Twice the logarithm of the odds, 999 to 1, by which a camera's step is clearer than another's.
-const DECISIVE: f64 = 13.8;
-
 /// Two estimates of a step that agree, by chi-square of two degrees of freedom at 99.9 %.
 const AGREE: f64 = 13.8;
-
-/// Part of the time between frames by which a time may leave the beat: beyond it the clock has stepped.
-const OUT_OF_BEAT: f64 = 0.1;
-
-/// Clocks of which nothing is known are less than a second apart.
-const APART_NS: i64 = 1_000_000_000;
 
 /// The balls of a frame that are the only ones of their colour, as the only markers of it.
 struct LoneBalls {
@@ -62,7 +55,8 @@ pub(crate) fn leave_out(streams: &mut [Stream], colors: &MarkerColors) -> Vec<Fi
     for camera in 0..streams.len() {
         let is_apart = |other: usize, step: &Step, own: &Step| {
             let is_known = [camera, other].iter().all(|k| streams[*k].clock.offset_std_s == 0.0);
-            let near_ns = (streams[camera].interval_s() * 1.5e9) as i64 + if is_known { 0 } else { APART_NS };
+            let near_ns =
+                (streams[camera].interval_s() * 1.5e9) as i64 + if is_known { 0 } else { LONGEST_APART_NS };
             (step.t_ns - own.t_ns).abs() > near_ns
         };
         // What steps in two cameras was done to the aircraft, or to both.

@@ -47,7 +47,8 @@ impl MovingDecoys {
     pub(crate) fn take(
         &mut self,
         cameras: &[Camera],
-        (markers, colors): (&[BodyMarker], &[usize]),
+        markers: &[BodyMarker],
+        colors: &[usize],
         seen: &[TrackedDetection],
         association: &Association,
     ) {
@@ -153,7 +154,7 @@ mod tests {
             let since_s = k as f64 / 30.0;
             seen.extend([see(0, ways[0](since_s), 2, 9), see(1, ways[1](since_s), 2, 9)]);
             let association = Association { sample: PoseSample { t_ns, estimate }, pairs };
-            decoys.take(&cameras, (&body, &colors), &seen, &association);
+            decoys.take(&cameras, &body, &colors, &seen, &association);
         }
         decoys.found().to_vec()
     }
