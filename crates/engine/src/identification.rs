@@ -210,6 +210,7 @@ fn output_error(
         sensors: flight.sensors,
         // Poses before the first inputs are not fitted.
         begins_in_flight: inputs.covered_range(&results.poses, |p| p.t_ns).start > 0,
+        at_most: flight.options.at_most,
     };
     let fits = FlightFits::of_flight(flight.vehicle, inputs, &poses, images, &options);
     Ok(fits.map_err(PipelineError::from)?)

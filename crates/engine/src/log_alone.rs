@@ -53,6 +53,7 @@ pub fn identify_from_log(
         search: false,
         sensors: Some(&sensors),
         begins_in_flight: true,
+        at_most: flight.options.at_most,
     };
     let fits = FlightFits::of_log(flight.vehicle, &inputs, &sensors, &options);
     results.output_error = fits.map_err(PipelineError::from)?;

@@ -199,11 +199,15 @@ pub enum IdentifyError {
     },
     /// The iteration stopped early.
     #[error(
-        "the fit has not converged after {iterations} iterations (the next step would lower the weighted squares of {squares:.4e} by {promise:.1e}{}): fix parameters or give them a prior_std, start from other values, or shorten the segments", loose(.at_bounds, .moving)
+        "the fit has not converged after {iterations} iterations{} (the next step would lower the weighted squares of {squares:.4e} by {promise:.1e}{}): fix parameters or give them a prior_std, start from other values, or shorten the segments. Its best values so far, which no interval covers: {}", too_long(*.too_long_s), loose(.at_bounds, .moving), values(.so_far)
     )]
     FitNotConverged {
         /// Iterations.
         iterations: usize,
+        /// The time that it took, if that was all that it was given.
+        too_long_s: Option<f64>,
+        /// The free parameters with the values of the least squares so far.
+        so_far: Vec<(String, f64)>,
         /// Weighted squares reached.
         squares: f64,
         /// Predicted decrease by the next step.
@@ -216,6 +220,14 @@ pub enum IdentifyError {
     /// A marker that no camera can see at the fitted pose, or a camera that cannot be differentiated.
     #[error(transparent)]
     Geometry(#[from] mavsight_geometry::GeometryError),
+}
+
+fn too_long(seconds: Option<f64>) -> String {
+    seconds.map_or_else(String::new, |s| format!(" and the {s:.0} s that it was given"))
+}
+
+fn values(of: &[(String, f64)]) -> String {
+    of.iter().map(|(name, value)| format!("{name} {value:.4}")).collect::<Vec<_>>().join(", ")
 }
 
 fn loose(at_bounds: &[String], moving: &[String]) -> String {

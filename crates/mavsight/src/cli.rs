@@ -21,6 +21,7 @@ pub(crate) use targets::{Paper, Targets};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use mavsight_geometry::ImageSize;
 use std::path::PathBuf;
+use std::time::Duration;
 
 /// Videos of a small aircraft in, its motion and flight-dynamics parameters out.
 #[derive(Debug, Parser)]
@@ -261,6 +262,9 @@ pub(crate) struct Identify {
     /// Choose each output's regressors from the model's, step by step by PRESS
     #[arg(long)]
     pub(crate) stepwise: bool,
+    /// Time that each fit by output error or filter error may take; its best values so far are then said
+    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
+    pub(crate) at_most: Option<Duration>,
     /// Folder for the results; printed only where left out
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
@@ -311,6 +315,13 @@ pub(crate) enum BuiltInRig {
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub(crate) struct WrongCall(pub(crate) String);
+
+/// A time above zero.
+fn seconds(text: &str) -> Result<Duration, WrongCall> {
+    let time = text.parse().ok().and_then(|s| Duration::try_from_secs_f64(s).ok());
+    time.filter(|t| !t.is_zero())
+        .ok_or_else(|| WrongCall(format!("{text:?} is no number of seconds above zero")))
+}
 
 /// Two numbers, `FROM..TO`, the second above the first.
 fn interval(text: &str) -> Result<(f64, f64), WrongCall> {

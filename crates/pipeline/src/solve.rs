@@ -11,6 +11,7 @@ use mavsight_identify::{
 use mavsight_pose::{EffectsOf, Motion, PoseSample, RateSeries, smooth_with_effects, smooth_with_rates};
 use nalgebra::Matrix6xX;
 use std::cell::RefCell;
+use std::time::Duration;
 
 /// What a user may choose of identification.
 #[derive(Debug, Clone, Default)]
@@ -27,6 +28,8 @@ pub struct IdentifyOptions {
     pub search: bool,
     /// Fits of the equations of motion.
     pub motion_fits: MotionFits,
+    /// Time that each of these may take.
+    pub at_most: Option<Duration>,
 }
 
 /// Coefficients and parameters of one flight.

@@ -29,8 +29,11 @@ impl Fitter<'_> {
         let moves = |k: usize| {
             step.as_ref().is_some_and(|(step, _)| step[self.at.tangent + k].abs() > MOVING * sizes[k])
         };
+        let value = |p: &ModelParameter| (model.name(*p).to_owned(), model.value(*p));
         IdentifyError::FitNotConverged {
             iterations,
+            too_long_s: self.limit.too_long_s(),
+            so_far: model.free().iter().map(value).collect(),
             squares: self.at.merit(tightness),
             promise,
             at_bounds: names(&|_, p| model.is_at_bound(p)),

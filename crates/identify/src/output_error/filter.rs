@@ -73,7 +73,8 @@ pub fn filter_error(
     let tightness = TIGHTNESS[3];
     let mut search = [Secant::default(); NOISES.len()];
     for _ in 0..ROUNDS {
-        if fitter.match_noise(&mut search, tightness, options.noise)? < CHANGE {
+        let change = fitter.match_noise(&mut search, tightness, options.noise)?;
+        if change < CHANGE || fitter.limit.too_long_s().is_some() {
             break;
         }
         fitter.converge(tightness, ROUND_PROMISE);

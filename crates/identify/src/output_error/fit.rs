@@ -50,7 +50,7 @@ pub(super) fn solve<'a>(
     let tightness = TIGHTNESS[3];
     if options.noise == NoiseModel::Scaled {
         for _ in 0..RELAXATIONS {
-            if fitter.rescale(tightness)? < FACTOR_CHANGE {
+            if fitter.rescale(tightness)? < FACTOR_CHANGE || fitter.limit.too_long_s().is_some() {
                 break;
             }
             fitter.converge(tightness, PROMISE[3]);

@@ -12,6 +12,7 @@ use crate::inverse::inverse;
 use mavsight_flight::{FlightError, InputSeries};
 use mavsight_model::{FurtherState, RIGID_STATES, Start};
 use nalgebra::DVector;
+use std::time::{Duration, Instant};
 
 /// Tightness of the gaps: loose enough for any start, then far below what is measured. With the last one a
 /// gap costs less than 1e-9 m.
@@ -41,7 +42,32 @@ pub(crate) struct Fitter<'a> {
     pub(crate) iterations: usize,
     pub(crate) converged: bool,
     pub(super) promise: f64,
-    pub(super) limit: usize,
+    pub(super) limit: Limit,
+}
+
+/// When a fit ends without having converged.
+#[derive(Clone, Copy)]
+pub(super) struct Limit {
+    iterations: usize,
+    begun: Instant,
+    at_most: Option<Duration>,
+}
+
+impl Limit {
+    fn of(options: &OutputErrorOptions) -> Self {
+        Self { iterations: options.max_iterations, begun: Instant::now(), at_most: options.at_most }
+    }
+
+    /// A first step always: without one nothing could be said of what hinders the fit.
+    fn permits(&self, iterations: usize) -> bool {
+        iterations < self.iterations && (iterations == 0 || self.too_long_s().is_none())
+    }
+
+    /// The time that the fit has taken, if it may take no more.
+    pub(super) fn too_long_s(&self) -> Option<f64> {
+        let taken = self.begun.elapsed();
+        self.at_most.filter(|longest| taken >= *longest).map(|_| taken.as_secs_f64())
+    }
 }
 
 pub(super) struct Begin {
@@ -116,7 +142,7 @@ impl<'a> Fitter<'a> {
         if rows <= unknown {
             return Err(IdentifyError::TooFewInstants { found: rows, parameters: unknown });
         }
-        let (start, limit) = (start.clone(), options.max_iterations);
+        let (start, limit) = (start.clone(), Limit::of(options));
         Ok(Self { start, problem, point, at, iterations: 0, converged: false, promise: f64::INFINITY, limit })
     }
 
@@ -207,7 +233,7 @@ impl<'a> Fitter<'a> {
         let mut damping: f64 = 0.0;
         let mut watched: Option<Watched> = None;
         self.converged = false;
-        while self.iterations < self.limit {
+        while self.limit.permits(self.iterations) {
             self.iterations += 1;
             let merit = self.at.merit(tightness);
             let reference = watched.as_ref().map_or(merit, |w| w.merit);

@@ -14,6 +14,7 @@ use crate::IdentifyError;
 use mavsight_flight::{InputSeries, SensorSeries, Vehicle};
 use mavsight_pose::{BodyMarker, MarkerObservation, PoseSample, Rig};
 use std::thread::ScopedJoinHandle;
+use std::time::Duration;
 
 /// What the images of a flight are made of.
 #[derive(Debug, Clone, Copy)]
@@ -73,9 +74,15 @@ pub struct FlightFitOptions<'a> {
     pub sensors: Option<&'a SensorSeries>,
     /// Whether what was recorded begins in flight: the model's further states then begin anywhere.
     pub begins_in_flight: bool,
+    /// Time that each fit may take ([`OutputErrorOptions::at_most`]).
+    pub at_most: Option<Duration>,
 }
 
 impl FlightFitOptions<'_> {
+    pub(super) fn of_fit(&self, initial: InitialStates) -> OutputErrorOptions {
+        OutputErrorOptions { initial, at_most: self.at_most, ..OutputErrorOptions::default() }
+    }
+
     pub(super) fn holds_out(&self, t_ns: i64) -> bool {
         let t_s = t_ns as f64 * 1e-9;
         self.held_out_s.is_some_and(|(from_s, to_s)| t_s >= from_s && t_s <= to_s)
@@ -149,7 +156,7 @@ impl FlightFits {
         // A search doubts the model, and so the trim in which it begins.
         let is_known = begins && !options.search && !options.begins_in_flight;
         let initial = if is_known { InitialStates::AsModelled } else { InitialStates::Free };
-        let defaults = OutputErrorOptions { initial, ..OutputErrorOptions::default() };
+        let defaults = options.of_fit(initial);
         let poses = within(poses, stretch_s, |p| p.t_ns);
         let images =
             images.map(|i| Images { observations: within(i.observations, stretch_s, |o| o.t_ns), ..i });

@@ -4,7 +4,7 @@ use super::flight::{Estimate, FlightFitOptions, FlightFits, InputClock, with_clo
 use super::measure::{LeftOut, Measurements, StateMeasurement};
 use super::model::{Equations, FlightModel};
 use super::shooting::LONGEST_GAP_S;
-use super::{InitialStates, OutputErrorFit, OutputErrorOptions, filter_error, output_error};
+use super::{InitialStates, OutputErrorFit, filter_error, output_error};
 use crate::IdentifyError;
 use mavsight_flight::{InputSeries, SensorSeries, Vehicle};
 use mavsight_geometry::{Isometry3, Matrix6, UnitQuaternion, Vector3, world_from_level};
@@ -53,7 +53,7 @@ impl FlightFits {
         let left_out = LeftOut(vec![true; states.len()]);
         let measured = Measurements::Part(Box::new(Measurements::States(states)), left_out)
             .with_sensors(&vehicle.model, &sensors)?;
-        let defaults = OutputErrorOptions { initial: InitialStates::Free, ..OutputErrorOptions::default() };
+        let defaults = options.of_fit(InitialStates::Free);
         let mut out = Self { held: model.held(), ..Self::default() };
         let estimates: [(&str, bool, Estimate, &mut Option<OutputErrorFit>); 2] = [
             ("output error", options.fits.output_error, output_error, &mut out.poses),

@@ -1,5 +1,7 @@
 //! Options of an output-error fit.
 
+use std::time::Duration;
+
 /// What is known of the model's further states at the start, such as the flapping of a disc.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum InitialStates {
@@ -31,6 +33,8 @@ pub struct OutputErrorOptions {
     pub noise: NoiseModel,
     /// Steps in all.
     pub max_iterations: usize,
+    /// Time after which the fit begins no further step; none: steps alone are counted.
+    pub at_most: Option<Duration>,
 }
 
 impl Default for OutputErrorOptions {
@@ -40,6 +44,7 @@ impl Default for OutputErrorOptions {
             initial: InitialStates::AsModelled,
             noise: NoiseModel::Scaled,
             max_iterations: 200,
+            at_most: None,
         }
     }
 }

@@ -265,6 +265,6 @@ fn options(args: &Identify, vehicle: &Vehicle) -> Result<IdentifyOptions> {
         let what = "--search: terms are searched by output error, which this call leaves out; name oe among the estimators";
         return Err(WrongCall(what.into()).into());
     }
-    let (lag_s, stepwise, search) = (args.lag, args.stepwise, args.search);
-    Ok(IdentifyOptions { table, fit, lag_s, stepwise, search, motion_fits })
+    let Identify { lag: lag_s, stepwise, search, at_most, .. } = *args;
+    Ok(IdentifyOptions { table, fit, lag_s, stepwise, search, motion_fits, at_most })
 }

@@ -17,6 +17,7 @@ const KNOWN: FlightFitOptions<'_> = FlightFitOptions {
     search: false,
     sensors: None,
     begins_in_flight: false,
+    at_most: None,
 };
 
 pub(crate) fn rig() -> Rig {

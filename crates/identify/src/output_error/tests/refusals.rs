@@ -1,11 +1,12 @@
 use super::support::{flown, multisine, noisy_poses};
 use crate::IdentifyError;
-use crate::output_error::{FlightModel, Measurements, OutputErrorOptions, output_error};
+use crate::output_error::{FlightModel, Measurements, OutputErrorOptions, filter_error, output_error};
 use mavsight_flight::{FlightError, InputSeries, Vehicle};
 use mavsight_model::Model;
 use mavsight_random::Random;
 use mavsight_simulator::Scenario;
 use std::sync::Arc;
+use std::time::Duration;
 
 fn paper() -> (Vehicle, InputSeries, Measurements) {
     let vehicle = Vehicle::paper();
@@ -147,4 +148,24 @@ fn a_fit_that_may_not_iterate_says_so() {
     let options = OutputErrorOptions { max_iterations: 1, ..Default::default() };
     let refused = output_error(&model, &inputs, &measured, &options);
     assert!(matches!(refused, Err(IdentifyError::FitNotConverged { iterations: 1, .. })), "{refused:?}");
+}
+
+#[test]
+fn a_fit_without_time_says_how_far_it_came() {
+    let (vehicle, inputs, measured) = paper();
+    let model = FlightModel::new(&vehicle, &inputs).expect("a model");
+    let options = OutputErrorOptions { at_most: Some(Duration::from_nanos(1)), ..Default::default() };
+    for estimate in [output_error, filter_error] {
+        let Err(error @ IdentifyError::FitNotConverged { iterations: 1, .. }) =
+            estimate(&model, &inputs, &measured, &options)
+        else {
+            panic!("one step is enough");
+        };
+        let said = error.to_string();
+        assert!(said.contains("1 iterations and the 0 s that it was given"), "{said}");
+        for parameter in model.free() {
+            assert!(said.contains(&format!("{} ", model.name(*parameter))), "{said}");
+        }
+        assert!(!said.contains("inf") && !said.contains("NaN"), "{said}");
+    }
 }
