@@ -7,7 +7,7 @@ use crate::{SessionError, make_folder, s_from_ns};
 use mavsight_geometry::{EulerAngles, Isometry3};
 use mavsight_identify::{CoefficientTable, Pooled, PooledParameter};
 use mavsight_inertial::LogAlignment;
-use mavsight_pose::{MarkerObservation, Motion, MotionSample, Observations, euler_std};
+use mavsight_pose::{MarkerObservation, Motion, MotionSample, NearJump, Observations, euler_std};
 use std::io::{self, Write};
 use std::path::Path;
 use std::sync::Arc;
