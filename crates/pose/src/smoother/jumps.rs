@@ -12,11 +12,11 @@ use nalgebra::{Vector3, Vector6};
 use statrs::function::erf::erfc;
 use std::collections::BTreeMap;
 
-/// Share of false ones among the jumps that are called: a jump that is missed and one that is called where there is none count
-/// the same.
-const FALSE_SHARE: f64 = 0.5;
-/// Factor on a variance from which on a row is beside a jump: one percent of the standard deviation.
-const WIDER: f64 = 1.02;
+/// Share of false ones among the jumps that are called, as usual (Benjamini & Hochberg 1995).
+const FALSE_SHARE: f64 = 0.1;
+/// Factor on a variance from which on a row is beside a jump: twice the standard deviation. Less than that is in the claim of all
+/// rows, as the density of the jerk is estimated with the jumps and has what they do in the mean.
+const WIDER: f64 = 4.0;
 
 /// Spectral densities of jerk, of the six coordinates of a pose, beyond those of the noise, by the number of the instant at the
 /// end of an interval.
@@ -99,7 +99,7 @@ fn clearest(mut called: Vec<Shock>) -> Vec<Shock> {
 }
 
 /// The covariance of an estimate that does not know of jumps, from one that does: that one's own and the square of the
-/// difference. None where that hardly changes anything.
+/// difference. None where that is not clearly more than the estimate claims.
 pub(crate) fn widened(sample: &MotionSample, knowing: &MotionSample) -> Option<MotionCovariance> {
     let covariance = knowing.covariance.plus_square(&sample.minus(knowing));
     let is_wider = |k: usize| covariance.variance(k) > WIDER * sample.covariance.variance(k);
