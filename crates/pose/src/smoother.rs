@@ -9,8 +9,10 @@
 mod believed;
 mod causal;
 mod integrator;
+mod jumps;
 mod motion;
 mod noise;
+mod passes;
 mod rates;
 mod smooth;
 mod state;
@@ -18,9 +20,10 @@ mod whittaker;
 
 pub use causal::CausalFilter;
 pub use integrator::JerkNoise;
-pub use motion::{Doubts, Motion, MotionCovariance, MotionSample, covariance_from_std, euler_std};
+pub use motion::{Doubts, Motion, MotionCovariance, MotionSample, NearJump, covariance_from_std, euler_std};
 pub use noise::motion_noise;
+pub use passes::EffectsOf;
 pub use rates::{RateError, RateSeries};
-pub use smooth::{EffectsOf, smooth, smooth_with_effects, smooth_with_rates};
+pub use smooth::{smooth, smooth_with_effects, smooth_with_rates};
 pub use state::MotionNoise;
 pub use whittaker::lowpass_like;

@@ -2,8 +2,9 @@
 
 use crate::estimate::chi_square_beyond;
 use crate::smoother::noise::{Likely, likely};
+use crate::smoother::passes::{Checked, Flown, each_smoothed};
 use crate::smoother::rates::Rates;
-use crate::smoother::smooth::{Checked, Flown, each_smoothed, known_parts};
+use crate::smoother::smooth::known_parts;
 use crate::smoother::state::Joint;
 use crate::statistics::median;
 use crate::{Doubts, PoseError, PoseSample};

@@ -157,7 +157,7 @@ impl Transition {
 
 /// Covariance of one coordinate's (x, v, a) after an interval of white jerk of unit intensity (Bar-Shalom,
 /// Li & Kirubarajan 2001, section 6.2.3).
-fn white_jerk(dt_s: f64) -> Matrix3<f64> {
+pub(crate) fn white_jerk(dt_s: f64) -> Matrix3<f64> {
     let (s, sign) = (dt_s.abs(), dt_s.signum());
     let (xx, xv, xa) = (s.powi(5) / 20.0, sign * s.powi(4) / 8.0, s.powi(3) / 6.0);
     let (vv, va) = (s.powi(3) / 3.0, sign * s * s / 2.0);

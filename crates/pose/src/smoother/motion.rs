@@ -23,6 +23,22 @@ pub struct MotionSample {
     pub covariance: MotionCovariance,
 }
 
+impl MotionSample {
+    /// The difference from another, in the coordinates of the covariance.
+    pub(crate) fn minus(&self, other: &Self) -> SVector<f64, 18> {
+        let (own, from) = (&self.world_from_body, &other.world_from_body);
+        let parts = [
+            own.translation.vector - from.translation.vector,
+            (from.rotation.inverse() * own.rotation).scaled_axis(),
+            self.velocity_in_body_m_s - other.velocity_in_body_m_s,
+            self.rates_rad_s - other.rates_rad_s,
+            self.specific_force_m_s2 - other.specific_force_m_s2,
+            self.angular_acceleration_rad_s2 - other.angular_acceleration_rad_s2,
+        ];
+        SVector::from_fn(|k, _| parts[k / 3][k % 3])
+    }
+}
+
 /// What is kept of the covariance of a state of motion, 18 coordinates in threes: position (world axes), turn
 /// (body axes, R exp δ), velocity (body), rates, specific force, angular acceleration. SI units.
 ///
@@ -92,6 +108,20 @@ impl MotionCovariance {
         SVector::from_fn(|k, _| self.variance(k))
     }
 
+    /// This covariance and the square of an error.
+    #[must_use]
+    pub fn plus_square(&self, error: &SVector<f64, 18>) -> Self {
+        let six = [0, 1].map(|k| {
+            let own: Matrix6<f64> = unpacked(&self.six[k]);
+            packed(|i, j| own[(i, j)] + error[6 * k + i] * error[6 * k + j])
+        });
+        let three = [0, 1].map(|k| {
+            let own: Matrix3<f64> = unpacked(&self.three[k]);
+            packed(|i, j| own[(i, j)] + error[12 + 3 * k + i] * error[12 + 3 * k + j])
+        });
+        Self { six, three }
+    }
+
     /// This covariance times a factor.
     #[must_use]
     pub fn scaled(&self, factor: f64) -> Self {
@@ -136,6 +166,16 @@ impl Doubts {
     }
 }
 
+/// A row beside a jump: a change of the acceleration that the noise of the flight does not allow. Its covariance has what the
+/// smoother errs there.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NearJump {
+    /// Its time.
+    pub t_ns: i64,
+    /// Variances of velocity and rates without that: of what errors of the poses do, and jerk as the rest of the flight has it.
+    pub without: [f32; 6],
+}
+
 /// A smoothed flight.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Motion {
@@ -145,6 +185,8 @@ pub struct Motion {
     pub unknown_ns: Vec<i64>,
     /// Poses and gaps that were not believed.
     pub doubts: Doubts,
+    /// Samples whose covariance a jump of the acceleration has widened, in order.
+    pub near_jumps: Vec<NearJump>,
     /// Frequency at which the smoother passes one half of a position: H = 1/(1 + (f/fc)⁶).
     pub translation_bandwidth_hz: f64,
     /// Frequency at which it passes one half of a rotation.
@@ -154,6 +196,20 @@ pub struct Motion {
 }
 
 impl Motion {
+    /// Variances of a coordinate of velocity (0 to 2) or rates (3 to 5), a sample each, without what the smoother errs beside
+    /// jumps: inputs that pass the same low-pass err by the same there.
+    pub fn variances_without_jumps(&self, coordinate: usize) -> Vec<f64> {
+        let mut near = self.near_jumps.iter().peekable();
+        let variance = |sample: &MotionSample| {
+            while near.next_if(|n| n.t_ns < sample.t_ns).is_some() {}
+            match near.peek().filter(|n| n.t_ns == sample.t_ns) {
+                Some(near) => f64::from(near.without[coordinate]),
+                None => sample.covariance.variance(6 + coordinate),
+            }
+        };
+        self.samples.iter().map(variance).collect()
+    }
+
     /// Longest time from one sample to the next over which the motion can still be read: two usual ones and
     /// half a period of the smoother.
     pub fn longest_step_s(&self) -> f64 {

@@ -4,16 +4,20 @@
 //! do, so that it arrives at the rates as their derivative.
 
 use crate::smoother::believed::{Believed, believed};
-use crate::smoother::integrator::{CHAIN, Transition};
+use crate::smoother::jumps::{Jumps, widened};
 use crate::smoother::noise::{Likely, NEEDED, check};
+use crate::smoother::passes::{EffectsOf, Flown, each_smoothed};
 use crate::smoother::rates::Rates;
-use crate::smoother::state::{Adjoint, Joint, MotionNoise, Update};
+use crate::smoother::state::Joint;
 use crate::statistics::median;
-use crate::{Motion, PoseError, PoseEstimate, PoseSample, RateSeries};
+use crate::{Motion, MotionSample, NearJump, PoseError, PoseSample, RateSeries};
 use mavsight_geometry::Matrix6;
-use nalgebra::Matrix6xX;
-use std::borrow::Cow;
 use std::ops::Range;
+#[cfg(test)]
+use {
+    crate::MotionNoise,
+    crate::smoother::passes::{forward, informed_start},
+};
 
 mod agree;
 
@@ -35,9 +39,6 @@ mod agree;
 pub fn smooth(poses: &[PoseSample], gravity_m_s2: f64) -> Result<Motion, PoseError> {
     smooth_with_effects(poses, &|_| None, gravity_m_s2)
 }
-
-/// Systematic columns of a pose by its index; none: those that it holds.
-pub type EffectsOf<'a> = &'a dyn Fn(usize) -> Option<Matrix6xX<f64>>;
 
 /// [`smooth`] of poses whose systematic columns are formed when they are asked for
 /// ([`crate::PoseEstimator::systematic_effects`]), which is three times for each, and not held.
@@ -84,32 +85,60 @@ fn motion_of(believed: Believed<'_>, effects: EffectsOf<'_>, gravity_m_s2: f64) 
     let parts = known_parts(poses, &anew, &found);
     let is_known = |k: &usize| parts.iter().any(|part| part.contains(k));
     let unknown_ns = (0..poses.len()).filter(|k| !is_known(k)).map(|k| poses[k].t_ns).collect();
+    let mut near_jumps = Vec::new();
     for part in parts.iter().rev().cloned() {
         let (first, flown) = (part.start, &poses[part]);
-        let flown = Flown::new(flown, first, effects, found.rates);
         let failed = PoseError::BadPose { index: first, what: "the smoother's covariance" };
-        let own = mean_own_covariance(flown.poses);
-        let visit = |k: usize, mut s: Joint, _: Option<Checked>| {
-            s.widen_by_unseen(&own, found.unseen, found.rates.is_some());
-            samples.push(s.sample(poses[first + k].t_ns, gravity_m_s2));
-        };
-        each_smoothed(&flown, &found.noise, visit).ok_or(failed)?;
+        let jumps = Jumps::of(&Flown::without_effects(flown, first, found.rates), &found.noise);
+        let mut flown = Flown::new(flown, first, effects, found.rates);
+        let begin = samples.len();
+        each_sample(&flown, &found, gravity_m_s2, |_, sample| samples.push(sample)).ok_or(failed.clone())?;
+        flown.jumps = jumps.ok_or(failed.clone())?;
+        if !flown.jumps.is_empty() {
+            let own = &mut samples[begin..];
+            let last = own.len() - 1;
+            let widen = |k: usize, knowing| near_jumps.extend(beside_jump(&mut own[last - k], &knowing));
+            each_sample(&flown, &found, gravity_m_s2, widen).ok_or(failed)?;
+        }
     }
     if samples.is_empty() {
         let measured = poses.iter().filter(|p| p.estimate.is_ok()).count();
         return Err(PoseError::TooFewPoses { measured, samples: poses.len(), needed: NEEDED });
     }
     samples.reverse();
+    near_jumps.reverse();
     let (translation_bandwidth_hz, rotation_bandwidth_hz) = found.bandwidth_hz;
     let sample_interval_s = median(poses.windows(2).map(|w| (w[1].t_ns - w[0].t_ns) as f64 * 1e-9).collect());
     Ok(Motion {
         samples,
         unknown_ns,
         doubts,
+        near_jumps,
         translation_bandwidth_hz,
         rotation_bandwidth_hz,
         sample_interval_s,
     })
+}
+
+/// Calls `take` with each pose's number and the motion there, the last first.
+fn each_sample(
+    flown: &Flown<'_>,
+    found: &Likely<'_>,
+    gravity_m_s2: f64,
+    mut take: impl FnMut(usize, MotionSample),
+) -> Option<()> {
+    let own = mean_own_covariance(flown.poses);
+    each_smoothed(flown, &found.noise, |k, mut state: Joint, _| {
+        state.widen_by_unseen(&own, found.unseen, found.rates.is_some());
+        take(k, state.sample(flown.poses[k].t_ns, gravity_m_s2));
+    })
+}
+
+/// Widens a sample's covariance by what it errs beside jumps, where it does.
+fn beside_jump(sample: &mut MotionSample, knowing: &MotionSample) -> Option<NearJump> {
+    let wide = widened(sample, knowing)?;
+    let narrow = std::mem::replace(&mut sample.covariance, wide);
+    Some(NearJump { t_ns: sample.t_ns, without: std::array::from_fn(|k| narrow.variance(6 + k) as f32) })
 }
 
 fn mean_own_covariance(poses: &[PoseSample]) -> Matrix6<f64> {
@@ -130,215 +159,6 @@ pub(crate) fn known_parts(poses: &[PoseSample], anew: &[usize], found: &Likely<'
         .filter(|part| part.len() >= NEEDED)
         .map(|part| part[0]..part[part.len() - 1] + 1)
         .collect()
-}
-
-/// What happens at a time: an instant of the poses, measured or not, or a mean of rates, by their numbers.
-#[derive(Debug, Clone, Copy)]
-enum Instant {
-    Pose(usize),
-    Rates(usize),
-}
-
-/// Poses with their systematic columns, formed as they are asked for, and the rates between them.
-pub(crate) struct Flown<'a> {
-    poses: &'a [PoseSample],
-    /// Index of the first of the poses among all.
-    first: usize,
-    effects: EffectsOf<'a>,
-    rates: Option<&'a Rates>,
-    /// In order, from the first pose to the last.
-    instants: Vec<Instant>,
-    /// Systematic columns of the pose that has most; those of the rates follow.
-    pose_columns: usize,
-    rate_columns: usize,
-}
-
-impl<'a> Flown<'a> {
-    pub(crate) fn new(
-        poses: &'a [PoseSample],
-        first: usize,
-        effects: EffectsOf<'a>,
-        rates: Option<&'a Rates>,
-    ) -> Self {
-        let rate_columns = rates.map_or(0, Rates::columns);
-        let mut flown =
-            Self { poses, first, effects, rates, instants: Vec::new(), pose_columns: 0, rate_columns };
-        flown.pose_columns = flown.columns();
-        for (k, pose) in poses.iter().enumerate() {
-            flown.instants.push(Instant::Pose(k));
-            let (Some(rates), Some(next)) = (rates, poses.get(k + 1)) else { continue };
-            flown.instants.extend(rates.between(pose.t_ns, next.t_ns - 1).map(Instant::Rates));
-        }
-        flown
-    }
-
-    /// With systematic errors of the rates alone, whatever the poses hold.
-    fn with_errors_of_rates(poses: &'a [PoseSample], first: usize, rates: Option<&'a Rates>) -> Self {
-        Self { pose_columns: 0, ..Self::new(poses, first, &|_| Some(Matrix6xX::zeros(0)), rates) }
-    }
-
-    /// Without systematic errors, which do not change how poses agree.
-    pub(crate) fn without_effects(poses: &'a [PoseSample], first: usize, rates: Option<&'a Rates>) -> Self {
-        Self { rate_columns: 0, ..Self::with_errors_of_rates(poses, first, rates) }
-    }
-
-    fn t_ns(&self, instant: Instant) -> i64 {
-        match (instant, self.rates) {
-            (Instant::Rates(j), Some(rates)) => rates.mean(j).t_ns,
-            (Instant::Pose(k) | Instant::Rates(k), _) => self.poses[k].t_ns,
-        }
-    }
-
-    /// Updates a state by what is measured at an instant.
-    fn update(&self, instant: Instant, state: &mut Joint, noise: &MotionNoise) -> Option<Updates> {
-        let mut done = Updates::default();
-        match (instant, self.rates) {
-            (Instant::Rates(j), Some(rates)) => {
-                let mut blank = state.blank_update();
-                state.update_by_rates(rates, rates.mean(j), self.pose_columns, &mut blank)?;
-                done.rates = Some(blank);
-            }
-            (Instant::Pose(k) | Instant::Rates(k), _) => {
-                if let Some(seen) = self.estimate(k) {
-                    let mut blank = state.blank_update();
-                    state.update(&seen, noise, &mut blank)?;
-                    done.pose = Some(blank);
-                }
-            }
-        }
-        Some(done)
-    }
-
-    fn estimate(&self, k: usize) -> Option<Cow<'a, PoseEstimate>> {
-        let estimate = self.poses[k].estimate.as_ref().ok()?;
-        Some(match (self.effects)(self.first + k) {
-            Some(columns) => Cow::Owned(estimate.clone().with_rounded(&columns)),
-            None => Cow::Borrowed(estimate),
-        })
-    }
-
-    /// Systematic columns of the pose that has most.
-    fn columns(&self) -> usize {
-        let formed =
-            (0..self.poses.len()).find_map(|k| self.estimate(k)).map_or(0, |e| e.systematic_columns());
-        let held = self.poses.iter().filter_map(|p| Some(p.estimate.as_ref().ok()?.systematic_columns()));
-        held.fold(formed, usize::max)
-    }
-}
-
-/// What was measured at an instant.
-#[derive(Default)]
-struct Updates {
-    pose: Option<Update>,
-    rates: Option<Update<3>>,
-}
-
-/// What the forward pass leaves at an instant.
-struct Step {
-    filtered: Joint,
-    transitions: Option<[Transition; 2]>,
-    updates: Updates,
-}
-
-/// Share of the whole record's information that the smoother's start carries: little enough not to count,
-/// enough that the backward pass does not cancel a diffuse covariance digit by digit.
-const START_SHARE: f64 = 1e-4;
-
-/// The state at the first time as the whole record, filtered backwards, gives it, with a covariance that
-/// makes it next to worthless; the first steps of an attitude are linearised there.
-fn informed_start(flown: &Flown<'_>, noise: &MotionNoise) -> Option<Joint> {
-    let last = flown.poses.iter().rposition(|p| p.estimate.is_ok())?;
-    let columns = flown.pose_columns + flown.rate_columns;
-    let mut state = Joint::start(flown.estimate(last)?.as_ref(), columns, noise);
-    let mut after_ns = flown.poses[last].t_ns;
-    for instant in
-        flown.instants.iter().rev().skip_while(|i| !matches!(i, Instant::Pose(k) if *k == last)).skip(1)
-    {
-        let t_ns = flown.t_ns(*instant);
-        state.predict((t_ns - after_ns) as f64 * 1e-9, noise);
-        flown.update(*instant, &mut state, noise)?;
-        after_ns = t_ns;
-    }
-    state.covariance /= START_SHARE;
-    // Its variance is known beforehand: what is not known of the motion must not be sought in it.
-    state.forget_correlated(noise);
-    Some(state)
-}
-
-/// The filter over some instants, from the state before them; the first of all is measured.
-fn forward(
-    flown: &Flown<'_>,
-    instants: Range<usize>,
-    noise: &MotionNoise,
-    state: &mut Joint,
-) -> Option<Vec<Step>> {
-    let t_ns = |k: usize| flown.t_ns(flown.instants[k]);
-    let mut steps = Vec::with_capacity(instants.len());
-    for k in instants {
-        let dt_s = k.checked_sub(1).map(|before| (t_ns(k) - t_ns(before)) as f64 * 1e-9);
-        let transitions = dt_s.map(|dt_s| state.predict(dt_s, noise));
-        let updates = flown.update(flown.instants[k], state, noise)?;
-        steps.push(Step { filtered: state.clone(), transitions, updates });
-    }
-    Some(steps)
-}
-
-/// What a pose is next to the others, each chi-square with six degrees of freedom.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Checked {
-    /// Its innovation.
-    pub(crate) innovation: f64,
-    /// Its difference from what all others say of it.
-    pub(crate) disagreement: f64,
-}
-
-/// Calls `visit` with each pose's number, the smoothed state there and how the pose agrees, the last first; the first of the
-/// instants is a measured pose. Only one
-/// stretch of √n steps is held at a time: each is filtered once more when the backward pass comes to it
-/// (checkpoints, Griewank 1992).
-pub(crate) fn each_smoothed(
-    flown: &Flown<'_>,
-    noise: &MotionNoise,
-    mut visit: impl FnMut(usize, Joint, Option<Checked>),
-) -> Option<()> {
-    let count = flown.instants.len();
-    let stretch = ((count as f64).sqrt() as usize).max(64);
-    let instants = |part: usize| part * stretch..((part + 1) * stretch).min(count);
-    let mut state = informed_start(flown, noise)?;
-    let mut starts = Vec::new();
-    for part in 0..count.div_ceil(stretch) {
-        starts.push(state.clone());
-        forward(flown, instants(part), noise, &mut state)?;
-    }
-    let mut adjoint = Adjoint::nothing(state.effects.ncols());
-    for (part, start) in starts.iter().enumerate().rev() {
-        let steps = forward(flown, instants(part), noise, &mut start.clone())?;
-        for (k, step) in instants(part).zip(&steps).rev() {
-            if let Instant::Pose(k) = flown.instants[k] {
-                let smoothed = adjoint.smoothed(&step.filtered);
-                is_sound(&smoothed).then_some(())?;
-                let mut checked = None;
-                if let Some(update) = &step.updates.pose {
-                    let (innovation, disagreement) = (update.chi_square(), adjoint.disagreement(update)?);
-                    checked = Some(Checked { innovation, disagreement });
-                    adjoint.before_update(update);
-                }
-                visit(k, smoothed, checked);
-            }
-            if let Some(update) = &step.updates.rates {
-                adjoint.before_rates(update);
-            }
-            if let Some(transitions) = &step.transitions {
-                adjoint.before_predict(transitions);
-            }
-        }
-    }
-    Some(())
-}
-
-fn is_sound(state: &Joint) -> bool {
-    let mut known = (0..9).chain(CHAIN..CHAIN + 9);
-    state.covariance.iter().all(|v| v.is_finite()) && known.all(|i| state.covariance[(i, i)] > 0.0)
 }
 
 /// Smoothed states of all instants.

@@ -1,13 +1,13 @@
 //! Motion from its table, and whichever of poses and motion a table holds.
 
-use super::columns::{self, Series};
+use super::columns::{self, Instant, Series};
 use super::read::{isometry, read_poses, read_summary};
 use crate::SessionError;
 use crate::table::Table;
 use mavsight_geometry::Vector3;
 use mavsight_pipeline::usual_interval_ns;
 use mavsight_pose::{
-    Doubts, Motion, MotionCovariance, MotionSample, PoseError, PoseSample, covariance_from_std,
+    Doubts, Motion, MotionCovariance, MotionSample, NearJump, PoseError, PoseSample, covariance_from_std,
 };
 use nalgebra::SMatrix;
 use std::path::Path;
@@ -46,6 +46,7 @@ impl FlightTable {
                     samples: motion.samples.iter().filter(|s| own.contains(&s.t_ns)).cloned().collect(),
                     unknown_ns: motion.unknown_ns.iter().copied().filter(|t_ns| own.contains(t_ns)).collect(),
                     doubts: motion.doubts.clone(),
+                    near_jumps: motion.near_jumps.iter().filter(|n| own.contains(&n.t_ns)).copied().collect(),
                     ..*motion
                 }),
             }
@@ -110,13 +111,17 @@ fn with_missing_rows(poses: Vec<PoseSample>) -> Vec<PoseSample> {
 pub fn read_motion(path: &Path) -> Result<Motion, SessionError> {
     let table = Table::read(path, "motion: `track` writes it")?;
     let series = Series::of(&table, columns::motion())?;
-    let (mut samples, mut unknown_ns): (Vec<MotionSample>, Vec<i64>) = (Vec::new(), Vec::new());
+    let (mut samples, mut unknown_ns, mut near_jumps) = (Vec::new(), Vec::new(), Vec::new());
+    let without_jumps: Vec<usize> =
+        columns::without_jumps().filter_map(|q| table.column(&columns::std(q)).ok()).collect();
     for instant in series.rows(&table)? {
         let Some(values) = instant.values else {
             unknown_ns.push(instant.t_ns);
             continue;
         };
-        samples.push(motion_sample(instant.t_ns, &values, &series.stds(instant.row, 0.0, |_| true)?));
+        let stds = series.stds(instant.row, 0.0, |_| true)?;
+        near_jumps.extend(near_jump(&instant, &stds, &without_jumps)?);
+        samples.push(motion_sample(instant.t_ns, &values, &stds));
     }
     let [translation_bandwidth_hz, rotation_bandwidth_hz, sample_interval_s] = smoother(path, &samples)?;
     let doubts = Doubts::default();
@@ -124,10 +129,26 @@ pub fn read_motion(path: &Path) -> Result<Motion, SessionError> {
         samples,
         unknown_ns,
         doubts,
+        near_jumps,
         translation_bandwidth_hz,
         rotation_bandwidth_hz,
         sample_interval_s,
     })
+}
+
+/// What a row says of a jump beside it: standard deviations of velocity and rates without that, where they are not those with it.
+fn near_jump(
+    instant: &Instant<'_, 18>,
+    stds: &[f64; 18],
+    columns: &[usize],
+) -> Result<Option<NearJump>, SessionError> {
+    let Ok(columns) = <[usize; 6]>::try_from(columns) else { return Ok(None) };
+    let mut own = [0.0; 6];
+    for ((std, column), with_jump) in own.iter_mut().zip(columns).zip(&stds[6..]) {
+        *std = instant.row.number_if_any(column)?.unwrap_or(*with_jump);
+    }
+    let is_without = own != stds[6..12];
+    Ok(is_without.then(|| NearJump { t_ns: instant.t_ns, without: own.map(|std| (std * std) as f32) }))
 }
 
 /// Bandwidths of translation and rotation and the sampling interval: from the summary, or as times show.

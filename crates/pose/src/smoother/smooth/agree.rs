@@ -1,8 +1,9 @@
 //! Whether a gyroscope and the poses are of one flight.
 
-use super::{Flown, forward, informed_start, known_parts};
+use super::known_parts;
 use crate::smoother::believed::{Believed, believed};
 use crate::smoother::noise::Likely;
+use crate::smoother::passes::{Flown, forward, informed_start};
 use crate::smoother::rates::Rates;
 use crate::{PoseError, PoseSample, RatesRefusal};
 use nalgebra::{DMatrix, DVector};
