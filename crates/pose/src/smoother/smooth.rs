@@ -41,7 +41,7 @@ pub fn smooth(poses: &[PoseSample], gravity_m_s2: f64) -> Result<Motion, PoseErr
 }
 
 /// [`smooth`] of poses whose systematic columns are formed when they are asked for
-/// ([`crate::PoseEstimator::systematic_effects`]), which is three times for each, and not held.
+/// ([`crate::PoseEstimator::systematic_effects`]), which is three times for each, six where inputs jumped, and not held.
 ///
 /// # Errors
 /// Those of [`smooth`].
