@@ -3,11 +3,13 @@
 mod coded;
 mod lattice;
 mod markers;
+mod refine;
 
 use crate::{Frame, Matrix2, Vector2};
 pub use coded::{CodedBoard, CodedBoardError, find_coded_board};
 use lattice::lattice;
 pub use markers::MarkerDictionary;
+use refine::{Sides, Surroundings, refined};
 
 /// A corner of squares and how well it is known.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -60,10 +62,6 @@ const SMALL_RING: [(isize, isize); 16] = [
 const LEAST_SHARE: f32 = 0.15;
 /// A corner is the strongest within so many pixels.
 const APART_PX: usize = 4;
-/// Half of the window in which a corner is refined, at most; less where squares are small.
-const HALF_WINDOW_PX: f64 = 5.0;
-/// Rounds of the refinement; two or three converge.
-const ROUNDS: usize = 15;
 /// Corners that are looked at: a room has others.
 const MOST: usize = 600;
 
@@ -91,10 +89,17 @@ pub fn find_board(frame: &Frame, columns: usize, rows: usize) -> Option<Vec<Boar
     if (columns + rows) % 2 == 1 && !first_is_dark(&grey, &found, columns) {
         found.reverse();
     }
-    let spacing_px = (found[1] - found[0]).norm().min((found[columns] - found[0]).norm());
-    let half_px = HALF_WINDOW_PX.min(0.4 * spacing_px).floor().max(2.0) as isize;
     let smooth = grey.smoothed();
-    found.iter().map(|p| refined(&smooth, p, half_px)).collect()
+    let corner = |k: usize| {
+        let (c, r) = (k % columns, k / columns);
+        let place = |i: isize, j: isize| {
+            let (c, r) = (c.checked_add_signed(i)?, r.checked_add_signed(j)?);
+            (c < columns && r < rows).then(|| found[r * columns + c])
+        };
+        let surroundings = Surroundings { sides: Sides::of(place)?, margin: f64::INFINITY, blur_px: 0.0 };
+        refined(&smooth, &found[k], &surroundings)
+    };
+    (0..found.len()).map(corner).collect()
 }
 
 impl Grey {
@@ -204,45 +209,6 @@ fn first_is_dark(grey: &Grey, found: &[Vector2<f64>], columns: usize) -> bool {
     let level = |a: f64, b: f64| grey.between(&(found[0] + along * a + down * b)).unwrap_or(0.0);
     // The squares that meet at the first corner: outer and inner are of one kind.
     level(-0.5, -0.5) + level(0.5, 0.5) < level(-0.5, 0.5) + level(0.5, -0.5)
-}
-
-fn refined(grey: &Grey, near: &Vector2<f64>, half_px: isize) -> Option<BoardCorner> {
-    let mut p = *near;
-    let mut covariance_px2 = Matrix2::zeros();
-    for _ in 0..ROUNDS {
-        let (mut normal, mut right, mut squares, mut n) = (Matrix2::zeros(), Vector2::zeros(), 0.0, 0.0);
-        for j in -half_px..=half_px {
-            for i in -half_px..=half_px {
-                let away = Vector2::new(i as f64, j as f64);
-                let at = p + away;
-                let step = |dx: f64, dy: f64| grey.between(&(at + Vector2::new(dx, dy)));
-                let gradient =
-                    Vector2::new(step(1.0, 0.0)? - step(-1.0, 0.0)?, step(0.0, 1.0)? - step(0.0, -1.0)?)
-                        * 0.5;
-                let weight = (-away.norm_squared() / (half_px * half_px) as f64).exp();
-                normal += gradient * gradient.transpose() * weight;
-                right += gradient * gradient.dot(&away) * weight;
-                squares += gradient.dot(&away).powi(2) * weight;
-                n += 1.0;
-            }
-        }
-        let inverse = normal.try_inverse()?;
-        let step: Vector2<f64> = inverse * right;
-        p += step;
-        // Away from the corner by more than its window it is another.
-        let moved_px = (p - near).norm();
-        if moved_px.is_nan() || moved_px > 1.5 * half_px as f64 {
-            return None;
-        }
-        let left = (squares - right.dot(&step)).max(0.0) / f64::max(n - 2.0, 1.0);
-        covariance_px2 = inverse * left;
-        if step.norm() < 1e-4 {
-            break;
-        }
-    }
-    // A corner is never better than a hundredth of a pixel in eight-bit levels.
-    covariance_px2 += Matrix2::identity() * 1e-4;
-    covariance_px2.iter().all(|x| x.is_finite()).then_some(BoardCorner { pixel: p, covariance_px2 })
 }
 
 #[cfg(test)]

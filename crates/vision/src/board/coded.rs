@@ -3,7 +3,8 @@
 
 use super::lattice::nearest;
 use super::markers::MarkerDictionary;
-use super::{BoardCorner, Grey, HALF_WINDOW_PX, candidates, refined};
+use super::refine::{Sides, Surroundings, refined};
+use super::{BoardCorner, Grey, candidates};
 use crate::centre::NOISE_STD;
 use crate::{Frame, Vector2};
 use std::cmp::Ordering;
@@ -67,13 +68,13 @@ const LEAST_SINE: f64 = 0.4;
 /// The fourth corner of a square is where the other three have it to within this part of a side; perspective
 /// and lens move it.
 const WITHIN: f64 = 0.2;
-/// What lies this far beyond a window enters it: two passes of smoothing and the difference that is the
+/// What lies this far beyond a strip about an edge enters it: a pixel's and a lens's blur, and the difference that is the
 /// gradient.
-const BLUR_PX: f64 = 3.0;
-/// The same of the gradient alone.
-const GRADIENT_PX: f64 = 1.0;
-/// Half of the least window in which a corner is refined: as OpenCV has it.
-const LEAST_HALF_PX: f64 = 3.0;
+const BLUR_PX: f64 = 2.0;
+/// The same under two passes of smoothing.
+const SMOOTHED_BLUR_PX: f64 = BLUR_PX + 2.0;
+/// Half of a strip in which a smoothed edge lies.
+const SMOOTHED_EDGE_PX: f64 = 3.0;
 
 impl CodedBoard {
     /// A board of `columns` by `rows` inner corners, with markers of `marker_share` of a square's side.
@@ -161,26 +162,41 @@ pub fn find_coded_board(frame: &Frame, board: &CodedBoard) -> Vec<(usize, BoardC
         Ordering::Equal => return Vec::new(),
     };
     grow(&mut places, &corners, board);
-    let mut side_px = f64::INFINITY;
-    for (k, at) in &places {
-        for next in [(k % board.columns + 1 < board.columns).then_some(k + 1), Some(k + board.columns)] {
-            let Some(other) = next.and_then(|n| places.get(&n)) else { continue };
-            side_px = side_px.min((corners[*at] - corners[*other]).norm());
-        }
-    }
-    // Where the margin about a marker is narrow, its border would enter a smoothed window.
-    let margin_px = 0.5 * (1.0 - board.marker_share) * side_px;
-    let is_wide = margin_px >= LEAST_HALF_PX + BLUR_PX;
-    let reach_px = if is_wide { BLUR_PX } else { GRADIENT_PX };
-    let half_px = HALF_WINDOW_PX.min(0.4 * side_px).min(margin_px - reach_px).max(LEAST_HALF_PX) as isize;
-    let grey = if is_wide { grey.smoothed() } else { grey };
-    let mut out: Vec<(usize, BoardCorner)> =
-        places.iter().filter_map(|(k, at)| Some((*k, refined(&grey, &corners[*at], half_px)?))).collect();
+    let mut out = refined_places(grey, &places, &corners, board);
     if out.len() < LEAST_CORNERS {
         return Vec::new();
     }
     out.sort_by_key(|c| c.0);
     out
+}
+
+/// The named corners to a part of a pixel. Where the margin about a marker is narrow, its border would enter smoothed edges.
+fn refined_places(
+    grey: Grey,
+    places: &HashMap<usize, usize>,
+    corners: &[Vector2<f64>],
+    board: &CodedBoard,
+) -> Vec<(usize, BoardCorner)> {
+    let sides = |k: usize| {
+        let (c, r) = (k % board.columns, k / board.columns);
+        let place = |i: isize, j: isize| {
+            let (c, r) = (c.checked_add_signed(i)?, r.checked_add_signed(j)?);
+            let is_there = c < board.columns && r < board.rows;
+            places.get(&(r * board.columns + c)).filter(|_| is_there).map(|at| corners[*at])
+        };
+        Sides::of(place)
+    };
+    let found: Vec<(usize, Vector2<f64>, Sides)> =
+        places.iter().filter_map(|(k, at)| Some((*k, corners[*at], sides(*k)?))).collect();
+    let margin = 0.5 * (1.0 - board.marker_share);
+    let least_px = margin * found.iter().map(|f| f.2.least_across_px()).fold(f64::INFINITY, f64::min);
+    let is_wide = least_px >= SMOOTHED_EDGE_PX + SMOOTHED_BLUR_PX;
+    let blur_px = if is_wide { SMOOTHED_BLUR_PX } else { BLUR_PX };
+    let grey = if is_wide { grey.smoothed() } else { grey };
+    let place = |(k, at, sides): (usize, Vector2<f64>, Sides)| {
+        Some((k, refined(&grey, &at, &Surroundings { sides, margin, blur_px })?))
+    };
+    found.into_iter().filter_map(place).collect()
 }
 
 /// A marker that was read, and the corners of its square, clockwise from its own first.

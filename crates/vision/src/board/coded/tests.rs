@@ -6,11 +6,20 @@ const SIZE: ImageSize = ImageSize { width_px: 640, height_px: 480 };
 /// A frame of what is on the board's plane, in squares from its first inner corner, each pixel the mean of 6
 /// by 6 samples.
 fn frame(level: impl Fn(Vector2<f64>) -> f64, board_from_pixel: impl Fn(f64, f64) -> Vector2<f64>) -> Frame {
+    blurred(1.0, level, board_from_pixel)
+}
+
+/// The same through a lens that spreads each point over a square of so many pixels.
+fn blurred(
+    blur_px: f64,
+    level: impl Fn(Vector2<f64>) -> f64,
+    board_from_pixel: impl Fn(f64, f64) -> Vector2<f64>,
+) -> Frame {
     let mut rgb = Vec::new();
     for y in 0..SIZE.height_px {
         for x in 0..SIZE.width_px {
             let sample = |k: u32| {
-                let at = |i: u32| (f64::from(i) + 0.5) / 6.0 - 0.5;
+                let at = |i: u32| blur_px * ((f64::from(i) + 0.5) / 6.0 - 0.5);
                 level(board_from_pixel(f64::from(x) + at(k % 6), f64::from(y) + at(k / 6)))
             };
             rgb.extend([((0..36).map(sample).sum::<f64>() / 36.0).round() as u8; 3]);
@@ -100,6 +109,22 @@ fn a_part_of_a_board_is_recognised_by_its_markers() {
     println!("{count} corners, {error_px:.3} px");
     assert!((18..63).contains(&count), "{count}");
     assert!(error_px < 0.1, "{error_px} px");
+}
+
+/// A marker's border lies 3.5 to 4.5 px from the edges of its square here: it must not pull the corners.
+#[test]
+fn corners_of_small_squares_with_markers_are_good_to_a_few_hundredths_of_a_pixel() {
+    let board = CodedBoard::new((6, 5), 0.75, "DICT_4X4_50").unwrap();
+    for (side_px, blur_px, most_px) in [(28.0, 1.0, 0.035), (36.0, 1.0, 0.035), (36.0, 3.0, 0.065)] {
+        for turn in [0.1, 0.3, 0.8] {
+            let view = View { turn, side_px, at: Vector2::new(310.3, 199.7) };
+            let seen = blurred(blur_px, printed(&board, 0), |u, v| view.board_from_pixel(u, v));
+            let (error_px, count) = check(&find_coded_board(&seen, &board), 6, &view);
+            println!("{side_px} px, blur {blur_px} px, turn {turn}: {count} corners, {error_px:.4} px");
+            assert_eq!(count, 30);
+            assert!(error_px < most_px, "{side_px} px, blur {blur_px} px, turn {turn}: {error_px} px");
+        }
+    }
 }
 
 /// Boards printed by OpenCV before 4.6, and by calib.io, begin with a light square where the number of rows
