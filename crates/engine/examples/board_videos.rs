@@ -12,7 +12,7 @@ use mavsight_geometry::{ImagePoint, Vector2, Vector3, triangulate};
 use mavsight_pipeline::{
     Board, CameraFeed, PipelineError, TimedFrame, board_of, calibrate_from_observations,
 };
-use mavsight_pose::{MarkerObservation, MovedObject, Rig};
+use mavsight_pose::{ClockPrior, MarkerObservation, MovedObject, Rig};
 use mavsight_session::FrameSource;
 use std::error::Error;
 use std::path::{Path, PathBuf};
@@ -38,7 +38,11 @@ fn main() -> Result<(), Box<dyn Error>> {
     for (k, path) in videos.iter().enumerate() {
         let source = FrameSource::open(path, None)?;
         cameras.push((format!("cam_{k}"), source.size()));
-        feeds.push(Some(feed(format!("cam_{k}"), source)));
+        let mut feed = feed(format!("cam_{k}"), source);
+        if k > 0 {
+            feed.clock = ClockPrior::unknown();
+        }
+        feeds.push(Some(feed));
     }
     let object = board_of(&board, feeds)?;
     let rig = calibrate_from_observations(&cameras, &[], &[], std::slice::from_ref(&object))?;

@@ -69,14 +69,20 @@ fn has_too_few(refused: &PipelineError) -> bool {
     }
 }
 
+/// Cameras without which the flight does not calibrate another: two that the control points calibrate, and that one.
+const LEAST_BY_FLIGHT: usize = 3;
+
 /// What control points do not determine, the flight may: the aircraft as one more object that was moved before the
-/// cameras.
+/// cameras. A session of two cameras is refused before its recordings are read.
 fn by_flight(
     session: &Session,
     mut objects: Vec<MovedObject>,
     few: PipelineError,
     solve: impl Fn(&[MovedObject]) -> Result<Rig, PipelineError>,
 ) -> Result<Rig, EngineError> {
+    if session.cameras().len() < LEAST_BY_FLIGHT {
+        return Err(few.into());
+    }
     let Ok(feeds) = camera_feeds(session) else { return Err(few.into()) };
     let Ok(aircraft) = aircraft_of(&session.vehicle, feeds) else { return Err(few.into()) };
     objects.push(aircraft);

@@ -8,6 +8,8 @@ use mavsight_vision::{BoardCorner, CodedBoard, Frame, find_board, find_coded_boa
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+mod in_step;
+
 /// A chessboard: calibration by its images.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -76,7 +78,8 @@ const NEAR_INTERVALS: f64 = 1.5;
 /// of a board with markers, those that do not show six corners.
 ///
 /// With [`Board::together`], images of one number belong together. Of films those frames do that are nearest in
-/// time; as free-running cameras are not in step, their lags within a frame interval are left to the calibration,
+/// time. By how much a film whose clock is not known is late is found from the motion of the board (Albl et al. 2017); as
+/// free-running cameras are not in step, their lags within a frame interval are left to the calibration,
 /// with the velocities of the corners. A frame whose velocity cannot be measured stands by itself.
 ///
 /// # Errors
@@ -85,7 +88,10 @@ pub fn board_of(board: &Board, feeds: Vec<Option<CameraFeed<'_>>>) -> Result<Mov
     let coded = board.coded()?;
     let seen =
         |feed: Option<CameraFeed<'_>>| feed.map(|feed| Film::of(board, coded.as_ref(), feed)).transpose();
-    let films: Vec<Option<Film>> = feeds.into_par_iter().map(seen).collect::<Result<_, _>>()?;
+    let mut films: Vec<Option<Film>> = feeds.into_par_iter().map(seen).collect::<Result<_, _>>()?;
+    if board.together {
+        move_in_step(&mut films);
+    }
     let grid = if board.together { films.iter().flatten().next() } else { None };
     let grid_ns: Vec<i64> = grid.map_or_else(Vec::new, |film| film.stamps_ns.clone());
     let is_film = films.iter().flatten().any(|film| film.is_film);
@@ -93,7 +99,12 @@ pub fn board_of(board: &Board, feeds: Vec<Option<CameraFeed<'_>>>) -> Result<Mov
     let mut velocities_px_s = Vec::new();
     for (camera, film) in films.iter().enumerate() {
         let Some(film) = film else { continue };
-        out.images.push(ObjectImages { camera, images: film.stamps_ns.len(), unseen: film.unseen() });
+        out.images.push(ObjectImages {
+            camera,
+            images: film.stamps_ns.len(),
+            unseen: film.unseen(),
+            late_ns: film.late_ns,
+        });
         let mut taken_ns = None;
         for view in &film.views {
             let near_ns = nearest_ns(&grid_ns, view.t_ns, film.step_ns / 2);
@@ -119,10 +130,23 @@ pub fn board_of(board: &Board, feeds: Vec<Option<CameraFeed<'_>>>) -> Result<Mov
     Ok(out)
 }
 
+/// Moves the films whose clocks are not known to the clock of the first one, where the board's motion shows it.
+fn move_in_step(films: &mut [Option<Film>]) {
+    let mut films = films.iter_mut().flatten();
+    let Some(first) = films.next() else { return };
+    for own in films.filter(|own| own.is_film && !own.has_true_clock) {
+        in_step::late_ns(first, own).into_iter().for_each(|late_ns| own.moved_by(late_ns));
+    }
+}
+
 /// What one camera saw of the board.
 struct Film {
     /// Whether its images follow each other in time.
     is_film: bool,
+    /// Whether its time stamps are known to be those of the other cameras.
+    has_true_clock: bool,
+    /// What was taken off its stamps, by the motion of the board.
+    late_ns: i64,
     /// Of all images that were looked at.
     stamps_ns: Vec<i64>,
     /// Those that show the board.
@@ -157,12 +181,19 @@ impl Film {
             return Err(not_found(board, name, stamps_ns.len()));
         }
         let step_ns = usual_interval_ns(stamps_ns.iter().copied()).unwrap_or(0);
-        let mut out = Self { is_film, stamps_ns, views, interval_ns: step_ns / every as i64, step_ns };
+        let (has_true_clock, interval_ns) = (clock.offset_std_s == 0.0, step_ns / every as i64);
+        let mut out = Self { is_film, has_true_clock, late_ns: 0, stamps_ns, views, interval_ns, step_ns };
         if is_film {
             let velocities: Vec<_> = (0..out.views.len()).map(|k| out.velocities_px_s(k)).collect();
             out.views.iter_mut().zip(velocities).for_each(|(view, v)| view.velocities_px_s = v);
         }
         Ok(out)
+    }
+
+    fn moved_by(&mut self, late_ns: i64) {
+        self.late_ns = late_ns;
+        self.stamps_ns.iter_mut().for_each(|t_ns| *t_ns -= late_ns);
+        self.views.iter_mut().for_each(|view| view.t_ns -= late_ns);
     }
 
     fn unseen(&self) -> usize {

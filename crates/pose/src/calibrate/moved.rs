@@ -40,6 +40,8 @@ pub struct ObjectImages {
     pub images: usize,
     /// Those that do not show it.
     pub unseen: usize,
+    /// How late their time stamps were, which is taken off: by the motion of the object.
+    pub late_ns: i64,
 }
 
 /// Errors of an object's points and images that all its places share, with which it is adjusted.
@@ -237,7 +239,7 @@ impl Moved {
         object: &'a MovedObject,
         names: &'a [String],
     ) -> impl Iterator<Item = ImagesUsed> + 'a {
-        object.images.iter().map(|&ObjectImages { camera, images, unseen }| {
+        object.images.iter().map(|&ObjectImages { camera, images, unseen, late_ns }| {
             let used = self.views(camera);
             let placed = self.placed_views.get(camera).copied().unwrap_or(0);
             ImagesUsed {
@@ -246,6 +248,7 @@ impl Moved {
                 images,
                 used,
                 unseen,
+                late_ns,
                 spare: (images - unseen.min(images)).saturating_sub(placed),
                 contradicting: placed.saturating_sub(used),
             }

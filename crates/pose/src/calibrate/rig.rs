@@ -104,6 +104,8 @@ pub struct ImagesUsed {
     pub spare: usize,
     /// Those that contradict the others.
     pub contradicting: usize,
+    /// How late their time stamps were by the motion of the object; 0 where they are as they came.
+    pub late_ns: i64,
 }
 
 impl fmt::Display for ImagesUsed {
@@ -118,6 +120,11 @@ impl fmt::Display for ImagesUsed {
             if n > 0 {
                 write!(out, "; {n} {why}")?;
             }
+        }
+        if self.late_ns != 0 {
+            let (ms, word) =
+                (self.late_ns.abs() / 1_000_000, if self.late_ns > 0 { "late" } else { "early" });
+            write!(out, "; by the motion of the {object} the film is {ms} ms {word}, and was moved")?;
         }
         out.write_str(".")
     }
