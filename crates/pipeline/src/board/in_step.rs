@@ -19,7 +19,7 @@ const LEAST_VIEWS: usize = 10;
 /// How much more likely the lag must be than none: chi-square with one degree of freedom, by chance once in a thousand over five
 /// hundred lags. A view counts once, as its corners move together.
 const EVIDENCE: f64 = 22.6;
-/// Images of a point that are nearer than that to fulfilling the constraint tell nothing of the lag: noise of a corner.
+/// Images of a point that are nearer than that to fulfilling the constraint say nothing of the lag: noise of a corner.
 const CORNER_PX: f64 = 0.1;
 
 type Matrix9 = SMatrix<f64, 9, 9>;
