@@ -28,7 +28,7 @@ mod agree;
 /// innovations ([`crate::motion_noise`]). For a steady rate of poses and errors that are not correlated the
 /// smoother passes 1/(1 + (f/fc)⁶) of a position, with (2π fc)⁶ = q/(r dt). Times may be unevenly spaced.
 ///
-/// Instants without a pose are predicted only. In gaps longer than [`MotionNoise::longest_gap_s`], before the
+/// Instants without a pose are predicted only. In gaps longer than [`crate::MotionNoise::longest_gap_s`], before the
 /// first pose and behind the last the motion is not known; each side of a gap is smoothed by itself. Poses
 /// that disagree with all others beyond chance are left out, and where the poses behind a gap contradict the
 /// motion before it, the motion in between is not known ([`crate::Doubts`]).
