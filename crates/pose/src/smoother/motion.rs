@@ -109,8 +109,7 @@ impl MotionCovariance {
     }
 
     /// This covariance and the square of an error.
-    #[must_use]
-    pub fn plus_square(&self, error: &SVector<f64, 18>) -> Self {
+    pub(crate) fn plus_square(&self, error: &SVector<f64, 18>) -> Self {
         let six = [0, 1].map(|k| {
             let own: Matrix6<f64> = unpacked(&self.six[k]);
             packed(|i, j| own[(i, j)] + error[6 * k + i] * error[6 * k + j])

@@ -97,8 +97,8 @@ fn shocks_of_white_jerk_are_chance() {
     // Neighbours are correlated: the mean of 14 000 counts as that of some 2000.
     assert!((sum / count - 1.0).abs() < 0.1, "{}", sum / count);
     assert!((large / count - 0.05).abs() < 0.01, "{}", large / count);
-    // Where each one called in vain lets half of another pass there is one a flight in the mean, of 1800.
-    assert!(called <= 16, "{called}");
+    // A tenth of what is called may be chance: where all is, one flight in ten has a call.
+    assert!(called <= 4, "{called} in 8 flights");
 }
 
 /// A jump of a known size is found where it is, also across poses that are missing.
