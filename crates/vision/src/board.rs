@@ -91,12 +91,8 @@ pub fn find_board(frame: &Frame, columns: usize, rows: usize) -> Option<Vec<Boar
     }
     let smooth = grey.smoothed();
     let corner = |k: usize| {
-        let (c, r) = (k % columns, k / columns);
-        let place = |i: isize, j: isize| {
-            let (c, r) = (c.checked_add_signed(i)?, r.checked_add_signed(j)?);
-            (c < columns && r < rows).then(|| found[r * columns + c])
-        };
-        let surroundings = Surroundings { sides: Sides::of(place)?, margin: f64::INFINITY, blur_px: 0.0 };
+        let sides = Sides::of(k, (columns, rows), |other| Some(found[other]))?;
+        let surroundings = Surroundings { sides, margin: f64::INFINITY, blur_px: 0.0 };
         refined(&smooth, &found[k], &surroundings)
     };
     (0..found.len()).map(corner).collect()

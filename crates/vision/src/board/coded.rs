@@ -177,15 +177,8 @@ fn refined_places(
     corners: &[Vector2<f64>],
     board: &CodedBoard,
 ) -> Vec<(usize, BoardCorner)> {
-    let sides = |k: usize| {
-        let (c, r) = (k % board.columns, k / board.columns);
-        let place = |i: isize, j: isize| {
-            let (c, r) = (c.checked_add_signed(i)?, r.checked_add_signed(j)?);
-            let is_there = c < board.columns && r < board.rows;
-            places.get(&(r * board.columns + c)).filter(|_| is_there).map(|at| corners[*at])
-        };
-        Sides::of(place)
-    };
+    let place_of = |other: usize| places.get(&other).map(|at| corners[*at]);
+    let sides = |k: usize| Sides::of(k, (board.columns, board.rows), place_of);
     let found: Vec<(usize, Vector2<f64>, Sides)> =
         places.iter().filter_map(|(k, at)| Some((*k, corners[*at], sides(*k)?))).collect();
     let margin = 0.5 * (1.0 - board.marker_share);

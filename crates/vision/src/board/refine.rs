@@ -37,9 +37,18 @@ pub(super) struct Sides {
 }
 
 impl Sides {
-    /// Of a corner of a lattice, by the places of it and of those so many columns and rows away; `None` where it has no
+    /// Of a corner of a board of so many columns and rows, by the places of those that are seen; `None` where it has no
     /// neighbour along an edge.
-    pub(super) fn of(place: impl Fn(isize, isize) -> Option<Vector2<f64>>) -> Option<Self> {
+    pub(super) fn of(
+        corner: usize,
+        (columns, rows): (usize, usize),
+        at: impl Fn(usize) -> Option<Vector2<f64>>,
+    ) -> Option<Self> {
+        let place = |i: isize, j: isize| {
+            let c = (corner % columns).checked_add_signed(i)?;
+            let r = (corner / columns).checked_add_signed(j)?;
+            if c < columns && r < rows { at(r * columns + c) } else { None }
+        };
         let here = place(0, 0)?;
         let side = |i: isize, j: isize| match (place(-i, -j), place(i, j)) {
             (Some(before), Some(after)) => Some((after - before) * 0.5),
