@@ -100,6 +100,9 @@ fn camera(name: &str) -> CameraCheck {
     CameraCheck { name: name.to_owned(), ..CameraCheck::default() }
 }
 
+/// A second look is worth its time where it shows so many times the frames of the first.
+const MORE: usize = 2;
+
 /// Each step ends the look where it finds what the next cannot do without.
 fn look_into(session: &Session, progress: &dyn Progress, out: &mut SessionCheck) {
     for (k, own) in session.cameras().iter().enumerate() {
@@ -146,8 +149,11 @@ fn look_into(session: &Session, progress: &dyn Progress, out: &mut SessionCheck)
             Ok(film) => of_film(&look, &film, out),
             Err(error) => out.items.push(items::of_error(&error)),
         }
-        let is_whole = out.cameras.iter().all(|c| c.announced.is_some_and(|n| n <= c.frames));
-        if is_whole || out.items.is_empty() {
+        let shows_more = |c: &CameraCheck| {
+            let longer = c.size.map_or(0, |size| Part::Long.frames(size));
+            longer.min(c.announced.unwrap_or(longer)) >= MORE * c.frames
+        };
+        if out.items.is_empty() || !out.cameras.iter().any(shows_more) {
             break;
         }
     }

@@ -6,22 +6,31 @@ use crate::poses::poses_again;
 use crate::tracked::Tracked;
 use mavsight_flight::Vehicle;
 use mavsight_geometry::{Camera, Isometry3, Point3};
-use mavsight_pose::{BodyMarker, FlightPrior, PoseError, PoseEstimator, RefinedFlight, Rig, refine_flight};
+use mavsight_pose::{
+    BodyMarker, FlightPrior, HeldOut, PoseError, PoseEstimator, RefinedFlight, Rig, hold_out, refine_flight,
+};
 use serde::{Deserialize, Serialize};
 
 /// Refinement of cameras and markers from the flight itself.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Refinement {
-    /// Whether the cameras are refined; they are wherever the markers are.
-    #[serde(default)]
-    pub rig: bool,
+    /// Whether the cameras are refined; they are wherever the markers are. Left out: where seconds of the flight that
+    /// the refinement has not seen fit the refined cameras better.
+    pub rig: Option<bool>,
     /// Standard deviation of each coordinate in the vehicle file: a ruler is good to 0.001 or 0.002. Left
     /// out: the markers are as in the file.
     pub markers_std_m: Option<f64>,
     /// Whether the balls' diameters are measured too, from their images.
     #[serde(default)]
     pub diameters: bool,
+}
+
+impl Refinement {
+    /// Whether it asks for a refinement, whatever held-out observations say.
+    pub fn is_asked_for(&self) -> bool {
+        self.rig == Some(true) || self.markers_std_m.is_some()
+    }
 }
 
 /// A ball's diameter from its images.
@@ -38,6 +47,8 @@ pub struct Diameter {
 pub struct RefinedBody {
     /// Cameras, markers and systematic errors of centres, with their uncertainties.
     pub refined: RefinedFlight,
+    /// What decided for the refinement; none where it was asked for.
+    pub held_out: Option<HeldOut>,
     /// Why the markers are those of the file although they were to be refined.
     pub kept: Option<PoseError>,
     /// Diameters, by marker: empty where they were not asked for, `None` for a ball that no pose used.
@@ -46,7 +57,8 @@ pub struct RefinedBody {
 
 /// Refines the cameras, and if asked the marker positions and the diameters, from what was tracked;
 /// estimates the poses again with them. Markers that are not asked for count as known to half a millimetre
-/// while the cameras are refined, and as exact for the poses, as they do without a refinement.
+/// while the cameras are refined, and as exact for the poses, as they do without a refinement. `None` where the session
+/// does not ask for it, and seconds of the flight that are held out do not either, or cannot tell.
 ///
 /// # Errors
 /// Too few frames with a pose, or a standard deviation that is not above zero; the poses are then as before.
@@ -55,7 +67,7 @@ pub fn refine(
     rig: &Rig,
     vehicle: &Vehicle,
     how: Refinement,
-) -> Result<RefinedBody, PipelineError> {
+) -> Result<Option<RefinedBody>, PipelineError> {
     let failed = |source| PipelineError::Pose { place: "the flight's refinement".into(), source };
     let mut body = body_markers(vehicle);
     let diameters = if how.diameters { diameters(tracked, rig, &body) } else { Vec::new() };
@@ -64,13 +76,22 @@ pub fn refine(
     }
     let markers_std_m = how.markers_std_m.unwrap_or(MARKERS_STD_M);
     let prior = FlightPrior { markers_std_m, centres_std_px: None };
+    let mut held_out = None;
+    if !how.is_asked_for() {
+        let may = how.rig.is_none() && rig.frames == 0;
+        let found = may.then(|| hold_out(&tracked.observations, rig, &body, prior).ok()).flatten();
+        held_out = found.filter(HeldOut::knows_more);
+        if held_out.is_none() {
+            return Ok(None);
+        }
+    }
     let refined = refine_flight(&tracked.observations, rig, &body, prior).map_err(failed)?;
     let kept = how.markers_std_m.and_then(|_| refined.shape_is_shown().err());
     let is_new = how.markers_std_m.is_some() && kept.is_none();
     let markers = (!is_new).then_some(body.as_slice());
     let estimator = PoseEstimator::refined(&refined, markers).map_err(failed)?;
     poses_again(estimator, tracked).map_err(failed)?;
-    Ok(RefinedBody { refined, kept, diameters })
+    Ok(Some(RefinedBody { refined, held_out, kept, diameters }))
 }
 
 /// Diameters from those of the images and the poses' distances: the mean over cameras of each camera's

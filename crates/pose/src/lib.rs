@@ -49,7 +49,7 @@ pub use precision::{
     volume_precision,
 };
 pub use rates_refusal::RatesRefusal;
-pub use refine::{FlightPrior, RefinedFlight, refine_flight};
+pub use refine::{FlightPrior, HeldOut, RefinedFlight, hold_out, refine_flight};
 pub use reordered_frames::displacements_of_reordered_frames;
 pub use select::{Selection, select_control_balls};
 pub use smoother::{

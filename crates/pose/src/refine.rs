@@ -10,10 +10,12 @@ use nalgebra::{DMatrix, DVector};
 use systematic::{LinearFit, SystematicVariance};
 
 mod flight;
+mod held_out;
 mod instants;
 mod systematic;
 
 pub use flight::{FlightPrior, RefinedFlight};
+pub use held_out::{HeldOut, hold_out};
 
 /// Constant part of a given systematic variance; all of it would make the cameras too certain.
 const CONSTANT_SHARE: f64 = 0.5;
@@ -42,6 +44,15 @@ pub fn refine_flight(
     markers: &[BodyMarker],
     prior: FlightPrior,
 ) -> Result<RefinedFlight, PoseError> {
+    validate(rig, prior)?;
+    let instants = instants_of(observations, rig, markers, prior.markers_std_m)?;
+    let mut bundle = Bundle::new(rig, markers, prior, instants);
+    let found = bundle.fit(prior.centres_std_px.is_none())?;
+    bundle.refined(&found)
+}
+
+/// Refuses priors that are none, and cameras that a flight has refined.
+fn validate(rig: &Rig, prior: FlightPrior) -> Result<(), PoseError> {
     let FlightPrior { markers_std_m, centres_std_px } = prior;
     if !(markers_std_m.is_finite() && markers_std_m > 0.0) {
         return Err(PoseError::BadPrior { std_m: markers_std_m });
@@ -52,31 +63,7 @@ pub fn refine_flight(
     if rig.frames > 0 {
         return Err(PoseError::AlreadyRefined(rig.frames));
     }
-    let instants = instants_of(observations, rig, markers, markers_std_m)?;
-    let mut shared = Shared::new(rig.cameras.iter().map(|c| c.camera).collect(), markers.to_vec());
-    (shared.free_points, shared.free_offsets) = (true, true);
-    let directions = directions(&shared, rig);
-    let given_px2 = centres_std_px.unwrap_or(0.0).powi(2);
-    let mut bundle = Bundle {
-        rig,
-        nominal: markers,
-        markers_std_m,
-        systematic: SystematicVariance {
-            constant_px2: CONSTANT_SHARE * given_px2,
-            for_a_second_px2: (1.0 - CONSTANT_SHARE) * given_px2,
-        },
-        state: DVector::zeros(directions.ncols()),
-        directions,
-        instants,
-        shared,
-        factor: f64::INFINITY,
-    };
-    let mut found = bundle.minimise()?;
-    if centres_std_px.is_none() {
-        bundle.systematic = bundle.linear_fit()?.systematic_variance();
-        found = Minimum { before: found.before, ..bundle.minimise()? };
-    }
-    bundle.refined(&found)
+    Ok(())
 }
 
 /// Parameters by directions: those of the rig's uncertainty, each marker's and each centre's coordinates.
@@ -108,7 +95,38 @@ struct Minimum {
     before: f64,
 }
 
-impl Bundle<'_> {
+impl<'a> Bundle<'a> {
+    fn new(rig: &'a Rig, nominal: &'a [BodyMarker], prior: FlightPrior, instants: Vec<Vec<Instant>>) -> Self {
+        let mut shared = Shared::new(rig.cameras.iter().map(|c| c.camera).collect(), nominal.to_vec());
+        (shared.free_points, shared.free_offsets) = (true, true);
+        let directions = directions(&shared, rig);
+        let given_px2 = prior.centres_std_px.unwrap_or(0.0).powi(2);
+        Self {
+            rig,
+            nominal,
+            markers_std_m: prior.markers_std_m,
+            systematic: SystematicVariance {
+                constant_px2: CONSTANT_SHARE * given_px2,
+                for_a_second_px2: (1.0 - CONSTANT_SHARE) * given_px2,
+            },
+            state: DVector::zeros(directions.ncols()),
+            directions,
+            instants,
+            shared,
+            factor: f64::INFINITY,
+        }
+    }
+
+    /// The minimum; with the systematic errors of centres estimated where they are not given.
+    fn fit(&mut self, estimates_systematic: bool) -> Result<Minimum, PoseError> {
+        let found = self.minimise()?;
+        if !estimates_systematic {
+            return Ok(found);
+        }
+        self.systematic = self.linear_fit()?.systematic_variance();
+        Ok(Minimum { before: found.before, ..self.minimise()? })
+    }
+
     fn minimise(&mut self) -> Result<Minimum, PoseError> {
         let mut before = None;
         for _ in 0..MAX_STEPS {

@@ -3,8 +3,8 @@
 #[allow(dead_code)]
 mod simulated;
 
-use mavsight_geometry::{Vector2, Vector3};
-use mavsight_pose::{FlightPrior, PoseError, PoseEstimator, RefinedFlight, refine_flight};
+use mavsight_geometry::{Camera, Vector2, Vector3};
+use mavsight_pose::{FlightPrior, PoseError, PoseEstimator, RefinedFlight, Rig, hold_out, refine_flight};
 use nalgebra::{DMatrix, DVector, Isometry3};
 use simulated::ruler::{Case, RULER, case, case_with_bias, file_from_body, position_rms_m, rms};
 use simulated::{PIXEL_STD, Random, flight, observed, poses, rigs, square, true_cameras};
@@ -202,4 +202,52 @@ fn a_flight_that_does_not_turn_is_refused_and_one_that_does_is_not() {
             Err(other) => panic!("{other}"),
         }
     }
+}
+
+/// Whether held-out seconds ask for a refinement, and the RMS of positions without and with it, of a hover about
+/// which the aircraft is carried in sweeps of a size.
+fn weighed(rig: &Rig, cameras: &[Camera], sweep_m: f64, random: &mut Random) -> (bool, [f64; 2]) {
+    const BIAS_PX: f64 = 0.1;
+    let mut states = flight(random);
+    for state in &mut states {
+        let along = Vector3::new(1.3, 1.9, 0.8) * state.t_s;
+        state.position_in_world_m += along.map(f64::sin) * sweep_m;
+    }
+    let mut seen = observed(cameras, &square(), &states, random);
+    let bias: Vec<Vector2<f64>> =
+        (0..4 * cameras.len()).map(|_| Vector2::new(random.normal(), random.normal()) * BIAS_PX).collect();
+    seen.iter_mut().flatten().for_each(|o| o.pixel += bias[4 * o.camera + o.marker]);
+    let observations = seen.concat().iter().collect();
+    let prior = FlightPrior { markers_std_m: 5e-4, centres_std_px: None };
+    let held_out = hold_out(&observations, rig, &square(), prior).expect("seconds that are held out");
+    let flown = refine_flight(&observations, rig, &square(), prior).expect("a refined flight");
+    let rms_m = |e: &PoseEstimator| rms(&poses(e, &states, &seen), &states, &Isometry3::identity());
+    let refined = PoseEstimator::refined(&flown, Some(&square())).expect("a body");
+    (held_out.knows_more(), [rms_m(&PoseEstimator::new(rig, &square())), rms_m(&refined)])
+}
+
+/// Of cameras that are right none are refined, whatever errors the centres have; of cameras that are off by 20 times
+/// what a good calibration leaves, most are.
+#[test]
+fn held_out_seconds_ask_for_other_cameras_where_these_are_better() {
+    let (_, mut rig) = rigs().into_iter().nth(1).unwrap();
+    rig.uncertainty *= 20.0;
+    let as_calibrated: Vec<Camera> = rig.cameras.iter().map(|c| c.camera).collect();
+    let (mut random, trials) = (Random::new(31, 0), 4);
+    let (mut asks, mut before_m2, mut after_m2) = ([0; 3], 0.0, 0.0);
+    for _ in 0..trials {
+        let wrong = true_cameras(&rig, &mut random);
+        for (k, (cameras, sweep_m)) in
+            [(&as_calibrated, 0.0), (&as_calibrated, 0.8), (&wrong, 0.8)].into_iter().enumerate()
+        {
+            let (is_asked, [before_m, after_m]) = weighed(&rig, cameras, sweep_m, &mut random);
+            asks[k] += usize::from(is_asked);
+            if is_asked {
+                before_m2 += before_m * before_m;
+                after_m2 += after_m * after_m;
+            }
+        }
+    }
+    assert!(asks[..2] == [0, 0] && asks[2] > trials / 2, "{asks:?}");
+    assert!(after_m2 < 0.9 * before_m2, "{after_m2} of {before_m2} m²");
 }

@@ -68,10 +68,8 @@ impl VirtualLab {
         rig: Rig,
         mut tracked: Tracked,
     ) -> Result<VirtualFlight, ScoreError> {
-        let rig = match self.refines {
-            true => refine(&mut tracked, &rig, &self.vehicle, Refinement::default())?.refined.rig,
-            false => rig,
-        };
+        let how = Refinement { rig: Some(self.refines), ..Refinement::default() };
+        let rig = refine(&mut tracked, &rig, &self.vehicle, how)?.map_or(rig, |body| body.refined.rig);
         let motion = motion_of(&tracked, None, &self.vehicle, &NoProgress)?;
         Ok(VirtualFlight { truth, rig, tracked, motion })
     }

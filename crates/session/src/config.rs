@@ -33,8 +33,11 @@ pub struct Session {
 }
 
 impl Session {
-    /// Reads a session file and the vehicle, and checks that every file named is there.
+    /// Reads a session file, or the `session.toml` of a folder, and the vehicle, and checks that every file named is
+    /// there.
     pub fn load(path: &Path) -> Result<Self, SessionError> {
+        let of_folder = path.is_dir().then(|| path.join("session.toml"));
+        let path = of_folder.as_deref().unwrap_or(path);
         let mut file: SessionFile = read_toml(path, "session file")?;
         validate(&file, path)?;
         let folder = path.parent().unwrap_or(Path::new(""));

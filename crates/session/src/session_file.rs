@@ -50,7 +50,7 @@ pub struct SessionFile {
     /// estimated from there.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub clap: bool,
-    /// What is refined from the flight itself; left out: nothing.
+    /// What is refined from the flight itself; left out: the cameras, where held-out observations ask for it.
     pub refine: Option<Refinement>,
     /// How the session is flown live.
     pub live: Option<LiveSection>,

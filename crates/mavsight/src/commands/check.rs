@@ -10,12 +10,12 @@ use mavsight_session::Session;
 use std::path::Path;
 
 pub(crate) fn check(args: &Check) -> Result<()> {
-    let path = if args.session.is_dir() { args.session.join("session.toml") } else { args.session.clone() };
-    let session = named(Session::load(&path))?;
+    let session = named(Session::load(&args.session))?;
+    let path = &session.path;
     let bars = Bars::new();
     let found = mavsight_engine::check(&session, &bars);
     bars.done();
-    let by_click = by_click(&found, &path);
+    let by_click = by_click(&found, path);
     print(&found, by_click.as_deref())?;
     let page = args.out.clone().unwrap_or_else(|| path.with_file_name("check.html"));
     super::check_page::write(&page, &found, by_click.as_deref())?;

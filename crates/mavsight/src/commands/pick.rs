@@ -22,8 +22,7 @@ const PORT: u16 = 8751;
 const REQUEST_TIME: Duration = Duration::from_secs(60);
 
 pub(crate) fn pick(args: &Pick) -> Result<()> {
-    let path = if args.session.is_dir() { args.session.join("session.toml") } else { args.session.clone() };
-    let session = named(Session::load(&path))?;
+    let session = named(Session::load(&args.session))?;
     let control = Picker::open(&session)?;
     let has_control = !control.points().is_empty() && control.stills().len() == session.cameras().len();
     let markers = match MarkerPicker::open(&session) {
@@ -38,7 +37,7 @@ pub(crate) fn pick(args: &Pick) -> Result<()> {
         let message = format!(
             "{}: name control points ([control] points) and a still of each camera, in which they are clicked, or videos of a flight, in \
              which its markers are",
-            path.display()
+            session.path.display()
         );
         return Err(WrongCall(message).into());
     }

@@ -95,7 +95,7 @@ fn lab_of(args: &Selftest, bars: &Bars) -> Result<(String, VirtualLab)> {
     let rig = mavsight_engine::calibrate(&session, bars)?;
     let tracked = mavsight_pipeline::track(camera_feeds(&session)?, &rig, &session.vehicle, bars)?;
     let mut lab = VirtualLab::of_session(&rig, control, session.vehicle.clone(), &tracked)?;
-    lab.refines = session.file.refine.is_some();
+    lab.refines = session.file.refine.is_some_and(|how| how.is_asked_for());
     Ok((session.file.name, lab))
 }
 

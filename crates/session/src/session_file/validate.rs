@@ -45,9 +45,9 @@ pub(crate) fn validate(file: &SessionFile, path: &Path) -> Result<(), SessionErr
     let detail = "is not above zero: a ruler is good to 0.001 or 0.002";
     checks.number(refine.markers_std_m, is_length, "refine.markers_std_m", detail)?;
     checks.require(
-        file.refine.is_none() || refine.rig || refine.markers_std_m.is_some(),
+        file.refine.is_none() || refine.is_asked_for() || (refine.rig == Some(false) && !refine.diameters),
         "refine",
-        "asks for nothing: give markers_std_m, rig = true, or leave the section out",
+        "asks for nothing: give markers_std_m, rig = true or false, or leave the section out",
     )?;
     let detail = "is no share between 0 and 1: give 0.05 for intervals of 5 %";
     let enough = file.live.as_ref().and_then(|l| l.enough);
