@@ -58,7 +58,7 @@ pub struct RefinedBody {
 /// Refines the cameras, and if asked the marker positions and the diameters, from what was tracked;
 /// estimates the poses again with them. Markers that are not asked for count as known to half a millimetre
 /// while the cameras are refined, and as exact for the poses, as they do without a refinement. `None` where the session
-/// does not ask for it, and seconds of the flight that are held out do not either, or cannot tell.
+/// does not ask for it, and held-out seconds of the flight do not either.
 ///
 /// # Errors
 /// Too few frames with a pose, or a standard deviation that is not above zero; the poses are then as before.

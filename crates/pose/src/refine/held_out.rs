@@ -38,7 +38,7 @@ impl HeldOut {
 /// Holds out every second second of a flight, then the others, and compares how well two fits to the rest predict
 /// them: one with the cameras free within their covariance, and one with the cameras as calibrated (two-fold
 /// cross-validation, Stone 1974). Markers and constant errors of centres are free in both, as a flight in one place
-/// shows errors of centres that look like errors of a camera; only places elsewhere tell them apart. The poses of
+/// shows errors of centres that look like errors of a camera; only places elsewhere separate them. The poses of
 /// the seconds that are held out are fitted in both. Arguments are those of [`super::refine_flight`].
 ///
 /// # Errors
