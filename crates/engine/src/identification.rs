@@ -179,7 +179,8 @@ fn equation_error(
 }
 
 /// Output error from the poses, and from the images where there are any, with the body as refined. What the smoother
-/// has left out, which disagrees with all other poses, is left out here too.
+/// has left out, which disagrees with all other poses, is left out here too, and the motion begins anew where the
+/// smoother's does.
 fn output_error(
     results: &RunResults,
     flight: &Flight<'_>,
@@ -192,7 +193,10 @@ fn output_error(
         marker.radius_m = 0.5 * built.diameter_m;
         markers_std_m = markers_std_m.max(built.position_std_m.max());
     }
-    let left_out = results.motion.as_ref().map_or(&[][..], |m| &m.doubts.left_out_ns);
+    let doubts = results.motion.as_ref().map(|m| &m.doubts);
+    let left_out = doubts.map_or(&[][..], |d| &d.left_out_ns);
+    let anew_ns: Vec<i64> =
+        doubts.iter().flat_map(|d| &d.severed_ns).map(|(_, behind_ns)| *behind_ns).collect();
     let observations = without(inputs.covered(&results.markers, |m| m.t_ns), left_out, |m| m.t_ns);
     let poses = without(inputs.covered(&results.poses, |p| p.t_ns), left_out, |p| p.t_ns);
     let images = results.rig.as_ref().filter(|_| !results.markers.is_empty()).map(|rig| Images {
@@ -208,6 +212,7 @@ fn output_error(
         fits: flight.options.motion_fits,
         search: flight.options.search,
         sensors: flight.sensors,
+        anew_ns: &anew_ns,
         // Poses before the first inputs are not fitted.
         begins_in_flight: inputs.covered_range(&results.poses, |p| p.t_ns).start > 0,
         at_most: flight.options.at_most,

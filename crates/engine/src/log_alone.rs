@@ -52,6 +52,7 @@ pub fn identify_from_log(
         fits: flight.options.motion_fits,
         search: false,
         sensors: Some(&sensors),
+        anew_ns: &[],
         begins_in_flight: true,
         at_most: flight.options.at_most,
     };

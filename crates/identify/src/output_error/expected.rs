@@ -78,7 +78,7 @@ pub fn expected_fit(
     }
     let measurements = Measurements::States(measured.clone());
     measurements.check()?;
-    let starts = segment_starts(&measurements.times_s(), options.segment_s);
+    let starts = segment_starts(&measurements.times_s(), options.segment_s, |_| false);
     let nodes = starts.into_iter().map(|k| (k, states[k].clone())).collect();
     let begin = Begin { model: model.clone(), nodes };
     let inputs = &model.inputs_of(inputs)?;

@@ -72,6 +72,8 @@ pub struct FlightFitOptions<'a> {
     pub search: bool,
     /// Samples of the model's sensors by the clock of the poses, which both fits then take in.
     pub sensors: Option<&'a SensorSeries>,
+    /// Times, in order, from which on the motion begins anew ([`Measurements::beginning_anew`]).
+    pub anew_ns: &'a [i64],
     /// Whether what was recorded begins in flight: the model's further states then begin anywhere.
     pub begins_in_flight: bool,
     /// Time that each fit may take ([`OutputErrorOptions::at_most`]).
@@ -169,7 +171,8 @@ impl FlightFits {
             Some(sensors) => measured.with_sensors(&vehicle.model, sensors),
             None => Ok(measured),
         };
-        let states = sensed(Measurements::States(StateMeasurement::of_poses(fitted)))?;
+        let states = Measurements::States(StateMeasurement::of_poses(fitted));
+        let states = sensed(states.beginning_anew(options.anew_ns))?;
         let mut refusals = Vec::new();
         let search = options.search.then(|| {
             with_clock(&model, options.clock, |model| search_structure(model, inputs, &states, &defaults))
@@ -328,7 +331,7 @@ impl Images<'_> {
         let images = ImageMeasurements::new(self.rig, self.markers, &fitted)?
             .with_cameras(self.rig)?
             .with_marker_positions(self.markers_std_m);
-        Ok(Measurements::Image(images))
+        Ok(Measurements::Image(images).beginning_anew(options.anew_ns))
     }
 }
 

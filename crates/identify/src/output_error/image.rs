@@ -19,6 +19,8 @@ pub struct ImageMeasurements {
     /// First observation of each instant, and the number of observations.
     first: Vec<usize>,
     poses: Vec<Option<Isometry3<f64>>>,
+    /// Of each instant, whether the motion begins anew there.
+    anew: Vec<bool>,
     /// What each nuisance does to the two whitened coordinates of each observation: nuisances × coordinates.
     directions: DMatrix<f64>,
 }
@@ -59,7 +61,8 @@ impl ImageMeasurements {
             return Err(IdentifyError::NoStart(known));
         }
         let directions = DMatrix::zeros(0, 2 * observations.len());
-        Ok(Self { cameras, markers: markers.to_vec(), observations, whiteners, first, poses, directions })
+        let (markers, anew) = (markers.to_vec(), vec![false; poses.len()]);
+        Ok(Self { cameras, markers, observations, whiteners, first, poses, anew, directions })
     }
 
     /// Adds so many nuisances by the displacements in pixels that a standard deviation of each makes of an
@@ -147,8 +150,23 @@ impl ImageMeasurements {
             whiteners: own().map(|k| self.whiteners[k]).collect(),
             first,
             poses: instants.iter().map(|i| self.poses[*i]).collect(),
+            anew: instants.iter().map(|i| self.anew[*i]).collect(),
             directions: self.directions.select_columns(&columns),
         }
+    }
+
+    /// Lets the motion begin anew at the first instant with a pose from each of some times on.
+    pub(crate) fn begin_anew(&mut self, from_ns: &[i64]) {
+        let Self { observations, first, poses, anew, .. } = self;
+        let mut known = (0..poses.len()).filter(|i| poses[*i].is_some());
+        for from_ns in from_ns {
+            let own = known.by_ref().find(|i| observations[first[*i]].t_ns >= *from_ns);
+            own.into_iter().for_each(|i| anew[i] = true);
+        }
+    }
+
+    pub(crate) fn begins_anew(&self, instant: usize) -> bool {
+        self.anew[instant]
     }
 
     pub(crate) fn times_s(&self) -> Vec<f64> {

@@ -23,18 +23,20 @@ pub struct StateMeasurement {
     /// Effect of systematic errors on the pose, in addition to that covariance: six rows of one standard
     /// deviation along each independent direction, whitened by the covariance; empty: none.
     systematic: Box<[f64]>,
+    /// Of the motion before it nothing is known but by itself ([`Measurements::beginning_anew`]).
+    begins_anew: bool,
 }
 
 impl StateMeasurement {
     /// A pose with its covariance, all of it new at this instant.
     pub fn of_pose(t_ns: i64, pose: Isometry3<f64>, covariance: Matrix6<f64>) -> Self {
-        Self { t_ns, pose: Some((pose, covariance)), systematic: Box::default() }
+        Self { t_ns, pose: Some((pose, covariance)), systematic: Box::default(), begins_anew: false }
     }
 
     /// The pose of a sample, all of its covariance as new; nothing where it holds none.
     pub fn from_pose(sample: &PoseSample) -> Self {
         let pose = sample.estimate.as_ref().ok().map(|e| (e.world_from_body, e.covariance()));
-        Self { t_ns: sample.t_ns, pose, systematic: Box::default() }
+        Self { t_ns: sample.t_ns, pose, systematic: Box::default(), begins_anew: false }
     }
 
     /// Middle of the exposure, s.
@@ -99,6 +101,44 @@ impl Measurements {
             seen => seen,
         };
         Ok(Self::Sensed(Box::new(SensedMeasurements::new(seen, model, sensors)?)))
+    }
+
+    /// These with the motion beginning anew at the first pose from each of some times on: what was seen behind them
+    /// contradicts what was seen before, or is of another flight.
+    #[must_use]
+    pub fn beginning_anew(mut self, from_ns: &[i64]) -> Self {
+        match &mut self {
+            Self::States(all) => {
+                for from_ns in from_ns {
+                    let first = all.iter_mut().find(|s| s.t_ns >= *from_ns && s.pose.is_some());
+                    first.into_iter().for_each(|s| s.begins_anew = true);
+                }
+                self
+            }
+            Self::Image(all) => {
+                all.begin_anew(from_ns);
+                self
+            }
+            Self::Part(all, left_out) => {
+                let all = std::mem::replace(all.as_mut(), Self::States(Vec::new()));
+                Self::Part(Box::new(all.beginning_anew(from_ns)), left_out.clone())
+            }
+            Self::Sensed(all) => {
+                let seen = std::mem::replace(&mut all.seen, Self::States(Vec::new()));
+                all.seen = seen.beginning_anew(from_ns);
+                self
+            }
+        }
+    }
+
+    /// Whether the motion begins anew at an instant.
+    pub(crate) fn begins_anew(&self, instant: usize) -> bool {
+        match self {
+            Self::States(all) => all[instant].begins_anew,
+            Self::Image(all) => all.begins_anew(instant),
+            Self::Part(all, _) => all.begins_anew(instant),
+            Self::Sensed(all) => all.seen_at(instant).is_some_and(|own| all.seen.begins_anew(own)),
+        }
     }
 
     /// Whether no pose or image is fitted, and sensors alone are.

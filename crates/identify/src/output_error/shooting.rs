@@ -139,7 +139,7 @@ pub(crate) struct Evaluation {
 struct SegmentEnd {
     /// From its first instant to that of the next.
     length_s: f64,
-    /// Nothing was measured for so long that the next one starts anew.
+    /// The next one starts anew: nothing was measured for too long, or what was contradicts this one.
     is_cut: bool,
 }
 
@@ -257,11 +257,17 @@ impl Shooting<'_> {
         [&point.starts[segment][..RIGID_STATES], &further].concat()
     }
 
+    /// Whether the motion behind an instant's predecessor says nothing of it.
+    fn begins_anew(&self, instant: usize) -> bool {
+        self.times_s[instant] - self.times_s[instant - 1] > LONGEST_GAP_S
+            || self.measurements.begins_anew(instant)
+    }
+
     fn ends(&self) -> Vec<SegmentEnd> {
         let last = self.times_s.len() - 1;
         let end = |w: &[usize]| SegmentEnd {
             length_s: self.times_s[w[1].min(last)] - self.times_s[w[0]],
-            is_cut: w[1] <= last && self.times_s[w[1]] - self.times_s[w[1] - 1] > LONGEST_GAP_S,
+            is_cut: w[1] <= last && self.begins_anew(w[1]),
         };
         self.bounds.windows(2).map(end).collect()
     }

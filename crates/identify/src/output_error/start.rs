@@ -13,13 +13,18 @@ use nalgebra::{DMatrix, DVector, Matrix3x6, Vector6};
 const WINDOW_S: f64 = 0.135;
 
 /// Of increasing times those at which segments of a length begin, the last not shorter than half of it; a
-/// length that is not positive makes one segment.
-pub(crate) fn segment_starts(times_s: &[f64], segment_s: f64) -> Vec<usize> {
+/// length that is not positive makes one segment. One begins wherever the motion does.
+pub(crate) fn segment_starts(
+    times_s: &[f64],
+    segment_s: f64,
+    begins_anew: impl Fn(usize) -> bool,
+) -> Vec<usize> {
     let segment_s = if segment_s > 0.0 { segment_s } else { f64::INFINITY };
     let (last_s, mut next_s) = (times_s[times_s.len() - 1], times_s[0]);
     let mut out = Vec::new();
     for (k, t_s) in times_s.iter().enumerate() {
-        if *t_s >= next_s - 1e-9 && (k == 0 || last_s - t_s >= 0.5 * segment_s) {
+        let is_due = *t_s >= next_s - 1e-9 && (k == 0 || last_s - t_s >= 0.5 * segment_s);
+        if is_due || begins_anew(k) {
             next_s = t_s + segment_s;
             out.push(k);
         }
@@ -41,10 +46,11 @@ pub(crate) fn begin(
         return Err(IdentifyError::NoStart(poses.len()));
     }
     let t_s: Vec<f64> = poses.iter().map(|(i, _)| times_s[*i]).collect();
-    let local: Vec<Local> = (0..poses.len()).map(|k| Local::at(k, &t_s, &poses)).collect();
+    let begins_anew = |k: usize| measurements.begins_anew(poses[k].0);
+    let local = locals(&t_s, &poses, begins_anew);
     let recording = Recording { inputs, lag_s: model.input_lag_s, t_s: &t_s };
     let states = states(model, &recording, &poses, &local);
-    let nodes = segment_starts(&t_s, segment_s);
+    let nodes = segment_starts(&t_s, segment_s, begins_anew);
     let nodes = nodes.into_iter().map(|k| (poses[k].0, states[k].clone())).collect();
     let moving = |k: usize| {
         let input = inputs.index_at(t_s[k] - model.input_lag_s)?;
@@ -105,6 +111,18 @@ struct Local {
     rates: Vector3<f64>,
     velocity_rate: Vector3<f64>,
     rate_rate: Vector3<f64>,
+}
+
+/// Of each pose, from those of its own piece of the motion alone.
+fn locals(t_s: &[f64], poses: &[(usize, Isometry3<f64>)], begins_anew: impl Fn(usize) -> bool) -> Vec<Local> {
+    let mut edges = vec![0];
+    edges.extend((1..poses.len()).filter(|k| begins_anew(*k)));
+    edges.push(poses.len());
+    let piece = |w: &[usize]| {
+        let (t_s, poses) = (&t_s[w[0]..w[1]], &poses[w[0]..w[1]]);
+        (0..poses.len()).map(|k| Local::at(k, t_s, poses)).collect::<Vec<_>>()
+    };
+    edges.windows(2).flat_map(piece).collect()
 }
 
 impl Local {

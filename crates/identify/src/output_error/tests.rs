@@ -1,6 +1,7 @@
 mod colour;
 mod filter;
 mod image;
+mod pieces;
 mod refusals;
 mod sensitivities;
 mod sensors;

@@ -16,6 +16,7 @@ const KNOWN: FlightFitOptions<'_> = FlightFitOptions {
     fits: MotionFits { output_error: true, filter_error: true },
     search: false,
     sensors: None,
+    anew_ns: &[],
     begins_in_flight: false,
     at_most: None,
 };
