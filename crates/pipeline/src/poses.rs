@@ -225,7 +225,7 @@ mod tests {
         built[2].marker_in_body_m.x += 4e-3;
         let mut tracked = tracked(&rig, &built, 0.0, 0);
         let how = Refinement { markers_std_m: Some(2e-3), ..Refinement::default() };
-        let refined = refine(&mut tracked, &rig, &vehicle, how).unwrap().refined;
+        let refined = refine(&mut tracked, &rig, &vehicle, how).unwrap().expect("a refinement").refined;
         let length =
             |m: &[BodyMarker], a: usize, b: usize| (m[a].marker_in_body_m - m[b].marker_in_body_m).norm();
         for (a, b) in [(0, 1), (0, 2), (1, 2), (2, 3)] {

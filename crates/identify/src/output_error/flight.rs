@@ -89,6 +89,12 @@ impl FlightFitOptions<'_> {
         let t_s = t_ns as f64 * 1e-9;
         self.held_out_s.is_some_and(|(from_s, to_s)| t_s >= from_s && t_s <= to_s)
     }
+
+    /// The poses by which the state at the beginning of what is held out is filtered; none where nothing is.
+    fn filtered_before<'p>(&self, poses: &'p [PoseSample]) -> &'p [PoseSample] {
+        let Some((from_s, _)) = self.held_out_s else { return &[] };
+        within(poses, Some((from_s - FILTERED_S, from_s)), |p| p.t_ns)
+    }
 }
 
 /// The fits of a flight by output error.
@@ -163,9 +169,7 @@ impl FlightFits {
         let images =
             images.map(|i| Images { observations: within(i.observations, stretch_s, |o| o.t_ns), ..i });
         let out: Vec<PoseSample> = poses.iter().filter(|p| options.holds_out(p.t_ns)).cloned().collect();
-        let before = options
-            .held_out_s
-            .map_or(&[][..], |(from_s, _)| within(poses, Some((from_s - FILTERED_S, from_s)), |p| p.t_ns));
+        let before = options.filtered_before(poses);
         let fitted = poses.iter().filter(|p| p.estimate.is_ok() && !options.holds_out(p.t_ns));
         let sensed = |measured: Measurements| match &sensors {
             Some(sensors) => measured.with_sensors(&vehicle.model, sensors),
