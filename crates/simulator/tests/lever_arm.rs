@@ -14,7 +14,7 @@ fn pose(state: &FlightState) -> Isometry3<f64> {
     world_from_body(state.position_in_world_m, state.attitude)
 }
 
-/// Two flights that begin in one motion, each told from another point of the body: the point goes where the body carries
+/// Two flights that begin in one motion, each described by another point of the body: the point goes where the body carries
 /// it, and the body turns alike.
 #[test]
 fn a_point_beside_the_centre_of_gravity_goes_where_the_body_carries_it() {
