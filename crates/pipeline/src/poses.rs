@@ -237,4 +237,17 @@ mod tests {
         let refused = refine(&mut tracked, &rig, &vehicle, wrong).unwrap_err().to_string();
         assert!(refused.contains("a ruler is good to"), "{refused}");
     }
+
+    #[test]
+    fn cameras_that_nothing_speaks_against_are_refined_on_request_alone() {
+        let (rig, vehicle) = (rig(), Vehicle::paper());
+        let as_tracked = tracked(&rig, &body_markers(&vehicle), 0.0, 0);
+        for (asked, refined) in [(None, false), (Some(false), false), (Some(true), true)] {
+            let mut tracked = as_tracked.clone();
+            let how = Refinement { rig: asked, ..Refinement::default() };
+            let body = refine(&mut tracked, &rig, &vehicle, how).unwrap();
+            assert_eq!(body.is_some(), refined, "{asked:?}");
+            assert_eq!(tracked.poses == as_tracked.poses, !refined, "{asked:?}");
+        }
+    }
 }

@@ -93,7 +93,9 @@ fn paper_flight_is_read() {
 #[test]
 fn what_is_written_is_read() {
     let folder = Folder::new();
-    let session = Session::load(&session(&folder)).unwrap();
+    let file = session(&folder);
+    let session = Session::load(&file).unwrap();
+    assert_eq!(Session::load(file.parent().unwrap()).unwrap(), session, "a folder is its session.toml");
     assert_eq!(session.vehicle, Vehicle::paper());
     assert_eq!(session.cameras()[1].video, folder.path("cam2/frame_%05d.png"));
     let (got, want) = (session.inputs().unwrap().unwrap(), inputs());
@@ -257,6 +259,8 @@ fn wands_and_boards_are_read_and_senseless_ones_named() {
     };
     has(&rig("none.toml"), &["rig.file", "none.toml"]);
     has(&spoilt("session.toml", "markers_std_m = 0.002", ""), &["refine", "asks for nothing"]);
+    let [asks, diameters] = ["markers_std_m = 0.002\ndiameters = false", "rig = false\ndiameters = true"];
+    has(&spoilt("session.toml", asks, diameters), &["refine", "asks for nothing"]);
 }
 
 #[test]
