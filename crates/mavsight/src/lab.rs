@@ -22,10 +22,17 @@ fn ball(centre_m: [f64; 3], diameter_m: f64, color: Color) -> PaintedBall {
     PaintedBall { centre_m: centre_m.into(), radius_m: diameter_m / 2.0, linear: color.to_linear() }
 }
 
-/// The balls and the hull of a vehicle.
+/// Models of the shelf that are flown by a small helicopter.
+const HELICOPTERS: [&str; 3] = ["coaxial", "coaxial-lag", "helicopter"];
+
+/// The balls and the hull of a vehicle: the paper's helicopter, or, of other models, arms that carry the balls.
 pub fn aircraft(vehicle: &Vehicle) -> Aircraft {
     let balls = vehicle.marker.iter().map(|m| ball(m.position_m, m.diameter_m, m.color));
-    Aircraft::helicopter(&balls.collect::<Vec<_>>())
+    let balls = balls.collect::<Vec<_>>();
+    match HELICOPTERS.contains(&vehicle.model.name.as_str()) {
+        true => Aircraft::helicopter(&balls),
+        false => Aircraft::frame(&balls),
+    }
 }
 
 /// A control frame as it is filmed.

@@ -32,8 +32,7 @@ impl Part {
     }
 }
 
-/// A helicopter with coaxial rotors that carries coloured balls, in its body axes (x forward, y right, z
-/// down).
+/// What a flight carries through the room, coloured balls above all, in its body axes (x forward, y right, z down).
 #[derive(Debug, Clone)]
 pub struct Aircraft {
     pub(crate) parts: Vec<Part>,
@@ -75,6 +74,20 @@ impl Aircraft {
             parts.push(Part::new(arm, [0.30, 0.30, 0.31], 0.1, 0.0));
             parts.push(painted(ball));
         }
+        Self { parts }
+    }
+
+    /// A dark hub in the origin and an arm to each ball: any aircraft of whose hull nothing is known. Hub and arms are in
+    /// proportion to the farthest ball, so that they hide as little of an aircraft of 20 cm as of one of 2 m.
+    pub fn frame(balls: &[PaintedBall]) -> Self {
+        let reach_m = balls.iter().map(|ball| ball.centre_m.norm()).fold(0.0, f64::max);
+        let hub = Shape::Ellipsoid { centre: V::zeros(), semi: V::new(0.15, 0.15, 0.08) * reach_m };
+        let arm = |ball: &PaintedBall| {
+            let arm = Shape::Capsule { from: V::zeros(), to: ball.centre_m, radius: 0.012 * reach_m };
+            Part::new(arm, [0.05; 3], 0.1, 0.0)
+        };
+        let mut parts = vec![Part::new(hub, [0.02, 0.02, 0.024], 0.25, 0.0)];
+        parts.extend(balls.iter().flat_map(|ball| [arm(ball), painted(ball)]));
         Self { parts }
     }
 
