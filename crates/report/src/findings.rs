@@ -3,6 +3,7 @@
 use crate::output_error::disagreements;
 use crate::parameters::{lead, words};
 use mavsight_identify::Estimator;
+use mavsight_identify::output_error::FILTER_ERROR;
 use mavsight_session::RunResults;
 use serde::Serialize;
 
@@ -134,6 +135,15 @@ fn of_motion_fits(results: &RunResults) -> Vec<Advice> {
             let remedy =
                 "Do not use its parameters; fly a livelier manoeuvre or choose another model.".to_owned();
             out.push(Advice { harm: Harm::Misleading, what, remedy });
+        }
+        let adequacy = &results.output_error.adequacy;
+        let is_doubted = match name {
+            FILTER_ERROR => adequacy.refuted.is_some(),
+            _ => adequacy.contradiction.is_some(),
+        };
+        // No manoeuvre helps a fit that is not to be used.
+        if is_doubted {
+            continue;
         }
         let weak: Vec<&str> =
             fit.parameters.iter().filter(|p| !p.identifiable).map(|p| p.name.as_str()).collect();

@@ -112,7 +112,11 @@ pub(crate) fn disagreements(results: &RunResults) -> impl Iterator<Item = String
 
 fn comparisons(results: &RunResults) -> Vec<Comparison> {
     let equations = results.identification.as_ref().and_then(|i| Some((i, lead(i)?)));
-    results.output_error.comparisons(equations)
+    let mut all = results.output_error.comparisons(equations);
+    // What is refuted contradicts nothing, as its own note says.
+    let is_refuted = results.output_error.adequacy.refuted.is_some();
+    all.retain(|c| !is_refuted || c.between.1 != FILTER_ERROR);
+    all
 }
 
 fn sentence(c: &Comparison) -> String {

@@ -1,9 +1,9 @@
 //! Whether a flight model is good enough for output error.
 
-use super::Disagreement;
 use super::flight::{FILTER_ERROR, FlightFits, OUTPUT_ERROR};
 use super::model::ModelParameter;
 use super::structure::{AskedFor, ScoreTest, TriedTerm};
+use super::{Disagreement, OutputErrorFit};
 use crate::IdentifyError;
 
 /// Chance that a fit is doubted whose model lacks nothing.
@@ -16,6 +16,9 @@ const SIGNALS_SAID: usize = 3;
 pub struct Adequacy {
     /// That filter error contradicts output error: what the model lacks has gone into its parameters.
     pub contradiction: Option<Disagreement>,
+    /// That filter error contradicts output error, but explains the flight worse than output error whose measurements err for
+    /// longer than an instant: by how much its [criterion](super::OutputErrorFit::criterion) is larger.
+    pub refuted: Option<f64>,
     /// What the residuals of output error ask for; an error of the fit that would have said it.
     pub asked_for: Option<Result<AskedFor, IdentifyError>>,
 }
@@ -58,13 +61,16 @@ impl Adequacy {
 impl FlightFits {
     /// Looks for what speaks against the model, and says so in the notes of output error.
     ///
-    /// Where filter error contradicts output error, output error has taken what the model lacks for its parameters, and
-    /// none of them is determined. Where the residuals ask most for inputs that act late, none of filter error is either.
+    /// Where filter error contradicts output error, one of them is wrong: output error has taken what the model lacks for its
+    /// parameters, or filter error has taken errors of the measurements that last for forces. None is determined of the one
+    /// that explains the flight worse. Where the residuals ask most for inputs that act late, none of filter error is either.
     pub(super) fn doubt(&mut self, asked_for: Option<Result<AskedFor, IdentifyError>>) {
         let pair = (OUTPUT_ERROR.to_owned(), FILTER_ERROR.to_owned());
         let all = self.comparisons(None);
         let apart = all.into_iter().find(|c| c.between == pair && c.test.p_value < LEVEL);
-        self.adequacy = Adequacy { contradiction: apart.map(|c| c.test), asked_for };
+        let worse_by = apart.as_ref().and_then(|_| self.filter_is_worse_by());
+        let contradiction = apart.filter(|_| worse_by.is_none()).map(|c| c.test);
+        self.adequacy = Adequacy { contradiction, refuted: worse_by, asked_for };
         let words = self.adequacy.words();
         let is_contradicted = self.adequacy.contradiction.is_some();
         let late = self.adequacy.late_inputs().map(|term| {
@@ -82,10 +88,26 @@ impl FlightFits {
             fit.parameters.iter_mut().for_each(|p| p.identifiable &= !is_contradicted && late.is_none());
             fit.notes.splice(0..0, words.iter().cloned());
         }
-        if let (Some(late), Some(filter)) = (late, &mut self.filter) {
+        let refuted = worse_by.map(|by| {
+            format!(
+                "Do not use its parameters: errors of the poses that last longer than an instant, which output error allows for, \
+                 explain the flight better than forces that the model lacks (Schwarz' criterion less by {by:.0})."
+            )
+        });
+        let Some(filter) = &mut self.filter else { return };
+        for why in late.into_iter().chain(refuted) {
             filter.parameters.iter_mut().for_each(|p| p.identifiable = false);
-            filter.notes.insert(0, late);
+            filter.notes.insert(0, why);
         }
+    }
+
+    /// By how much the criterion of filter error is larger than that of output error, which has the same unknowns; none where
+    /// it is not.
+    fn filter_is_worse_by(&self) -> Option<f64> {
+        let (output, filter) = (self.poses.as_ref()?, self.filter.as_ref()?);
+        let names = |fit: &OutputErrorFit| fit.parameters.iter().map(|p| p.parameter).collect::<Vec<_>>();
+        let by = filter.criterion - output.criterion;
+        (names(output) == names(filter) && by > 0.0).then_some(by)
     }
 }
 

@@ -8,6 +8,7 @@ use super::filter::{NOISES, VELOCITY};
 use super::fitter::Fitter;
 use super::model::ModelParameter;
 use super::result::{DerivedQuantity, FittedParameter, OutputErrorFit, SystematicErrors};
+use crate::inverse::log_determinant;
 use crate::{IdentifyError, student_quantile_975};
 use mavsight_model::{Derived, Unit};
 use nalgebra::{DMatrix, DVector};
@@ -73,6 +74,7 @@ pub(super) fn assemble(solved: &Solved<'_>) -> Result<OutputErrorFit, IdentifyEr
         variance_factors: channels.into_iter().zip(factors).collect(),
         systematic,
         correlated_instants: lag,
+        criterion: criterion(solved)?,
         reduced_chi_square: linear.residuals().norm_squared() / degrees as f64,
         iterations: fitter.iterations,
         largest_gap_m,
@@ -81,6 +83,20 @@ pub(super) fn assemble(solved: &Solved<'_>) -> Result<OutputErrorFit, IdentifyEr
         ahead: None,
         notes,
     })
+}
+
+/// Minus twice the logarithm of the restricted likelihood, with Schwarz' price of each number of the noise.
+fn criterion(Solved { fitter, linear, colour }: &Solved<'_>) -> Result<f64, IdentifyError> {
+    let weights = &fitter.problem.weights;
+    let of_weights = linear.places.iter().map(|place| -2.0 * weights[place.channel].ln()).sum::<f64>();
+    let squares = linear.rows.row(linear.unknowns()).norm_squared();
+    let open = log_determinant(&linear.information()).ok_or(IdentifyError::RankZero)?;
+    let numbers = colour.as_ref().map_or_else(|| process_noise(fitter).len(), Colour::numbers);
+    Ok(of_weights
+        + linear.log_variances
+        + squares
+        + open
+        + numbers as f64 * (linear.places.len() as f64).ln())
 }
 
 /// Parameters that a bound has stopped, in words.

@@ -215,6 +215,7 @@ impl Colour {
         for ((rows, along), noise) in places.rows.iter().zip(places.along(self.along)).zip(&self.channels) {
             let white = noise.white.sqrt().recip();
             let filter = Whitener::new(along, noise.extent, noise.ratio);
+            out.log_variances += rows.len() as f64 * noise.white.ln() + filter.log_determinant;
             filter.run(rows, &linear.rows, |column, innovation, unit| {
                 let whitened = innovation.iter().map(|i| i * unit * white);
                 out.rows.column_mut(column).iter_mut().zip(whitened).for_each(|(to, value)| *to = value);
@@ -228,6 +229,11 @@ impl Colour {
             Along::Time => Extent::Time(self.mean_extent),
             Along::Path => Extent::Path(self.mean_extent),
         }
+    }
+
+    /// Numbers that describe it: ratio and extent of each channel that has a correlated part.
+    pub(crate) fn numbers(&self) -> usize {
+        2 * self.channels.iter().filter(|noise| noise.ratio > 0.0).count()
     }
 
     /// Variance of each channel, both parts together, in the units of the weights.

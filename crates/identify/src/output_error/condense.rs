@@ -190,6 +190,8 @@ pub(crate) struct Linear {
     pub(crate) places: Vec<Place>,
     /// Degrees of freedom of the start.
     pub(crate) tangent: usize,
+    /// Sum of the logarithms of the variances, in the units of the weights, by which rows were divided to make them white.
+    pub(crate) log_variances: f64,
 }
 
 impl Linear {
@@ -207,7 +209,7 @@ impl Linear {
             first += count;
         }
         rows.columns_mut(first, at.prior.ncols()).copy_from(&at.prior);
-        Self { rows, places: at.places.clone(), tangent }
+        Self { rows, places: at.places.clone(), tangent, log_variances: 0.0 }
     }
 
     pub(crate) fn unknowns(&self) -> usize {

@@ -13,8 +13,8 @@ struct Expected {
 
 impl Expected {
     /// Takes in a row, which becomes its innovation in units of the standard deviation (Potter's form of the
-    /// update; Bierman 1977, section II.8).
-    fn update(&mut self, row: &mut DVector<f64>) {
+    /// update; Bierman 1977, section II.8); the innovation's variance.
+    fn update(&mut self, row: &mut DVector<f64>) -> f64 {
         let by = row.rows(0, self.root.nrows()).into_owned();
         row.rows_mut(0, by.len()).fill(0.0);
         row.gemv_tr(1.0, &self.mean, &by, 1.0);
@@ -24,6 +24,7 @@ impl Expected {
         self.mean.ger(-1.0, &gain, row, 1.0);
         self.root.ger(-1.0 / (1.0 + variance.sqrt().recip()), &gain, &seen, 1.0);
         *row /= variance.sqrt();
+        variance
     }
 
     /// Moves on to the next segment, whose start differs from this one's end by noise.
@@ -43,15 +44,16 @@ pub(super) fn innovations(at: &Evaluation, tightness: f64) -> Linear {
     let (n, tangent) = (at.prior.nrows(), at.tangent);
     let mut expected =
         Expected { mean: DMatrix::identity(tangent, n), root: DMatrix::zeros(tangent, tangent) };
+    let mut log_variances = 0.0;
     let mut columns = Vec::with_capacity(at.places.len() + at.prior.ncols());
     for (s, segment) in at.segments.iter().enumerate() {
         for row in segment.rows.column_iter() {
             let mut row = row.into_owned();
-            expected.update(&mut row);
+            log_variances += expected.update(&mut row).ln();
             columns.push(row);
         }
         expected = expected.next(segment, &at.gap_information(s, tightness).map(|i| i.sqrt().recip()));
     }
     columns.extend(at.prior.column_iter().map(|c| c.into_owned()));
-    Linear { rows: DMatrix::from_columns(&columns), places: at.places.clone(), tangent }
+    Linear { rows: DMatrix::from_columns(&columns), places: at.places.clone(), tangent, log_variances }
 }

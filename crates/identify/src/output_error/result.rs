@@ -92,6 +92,11 @@ pub struct OutputErrorFit {
     pub systematic: Option<SystematicErrors>,
     /// Instants over which residuals are correlated once `systematic` is allowed for; 0 for white ones.
     pub correlated_instants: usize,
+    /// How well the noise that was found explains the measurements: minus twice the logarithm of their restricted likelihood
+    /// (Patterson & Thompson 1971), and for each number of the noise beside the channels' variances the logarithm of the
+    /// number of measurements (Schwarz 1978). Of two fits of the same parameters to the same measurements the one with the
+    /// smaller number is to be preferred; by itself the number says nothing.
+    pub criterion: f64,
     /// Weighted squares over redundancy.
     pub reduced_chi_square: f64,
     /// Steps taken.

@@ -148,7 +148,7 @@ mod tests {
                 places.push(Place { t_s: i as f64 / 30.0, instant: i, channel: c, pixel: [0.0; 2] });
             }
         }
-        Linear { rows, places, tangent: 0 }
+        Linear { rows, places, tangent: 0, log_variances: 0.0 }
     }
 
     fn test_of(linear: &Linear) -> ScoreTest {

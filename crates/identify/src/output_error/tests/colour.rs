@@ -1,9 +1,8 @@
-use super::support::{POSITION_STD_M, TURN_STD_RAD, flown, multisine, noisy_poses, normal3};
+use super::support::{add_slow_errors, flown, multisine, noisy_poses};
 use crate::output_error::{
     Extent, FlightModel, Measurements, ModelParameter, OutputErrorFit, OutputErrorOptions, output_error,
 };
 use mavsight_flight::{InputSeries, Vehicle};
-use mavsight_geometry::{UnitQuaternion, Vector3};
 use mavsight_random::Random;
 use mavsight_simulator::true_values;
 
@@ -27,18 +26,7 @@ fn correlated_errors_are_found_and_weighted() {
     let model = FlightModel::new(&vehicle, &inputs).expect("a model");
     let mut random = Random::new(21, 0);
     let mut samples = noisy_poses(&states, 0.5, &mut random);
-    let (time_s, level) = (0.5, 2.0);
-    let mut slow = (normal3(&mut random), normal3(&mut random));
-    for (k, sample) in samples.iter_mut().enumerate() {
-        let interval_s = if k == 0 { 0.0 } else { states[k].t_s - states[k - 1].t_s };
-        let kept = f64::exp(-interval_s / time_s);
-        let fresh = (1.0 - kept * kept).sqrt();
-        let next = |e: Vector3<f64>, random: &mut Random| e * kept + normal3(random) * fresh;
-        slow = (next(slow.0, &mut random), next(slow.1, &mut random));
-        let pose = &mut sample.pose.as_mut().expect("a pose").0;
-        pose.translation.vector += slow.0 * (level * POSITION_STD_M);
-        pose.rotation *= UnitQuaternion::from_scaled_axis(slow.1 * (level * TURN_STD_RAD));
-    }
+    add_slow_errors(&mut samples, 0.5, 2.0, &mut random);
     let fit = output_error(&model, &inputs, &Measurements::States(samples), &OutputErrorOptions::default())
         .expect("a fit");
     let errors = fit.systematic.expect("correlated errors");

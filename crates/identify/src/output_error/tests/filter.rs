@@ -13,7 +13,7 @@ use mavsight_random::Random;
 use mavsight_simulator::{FlightState, InitialState, Scenario, simulate};
 use nalgebra::DMatrix;
 
-use super::support::{flown, multisine, noisy_poses};
+use super::support::{add_slow_errors, flown, multisine, noisy_poses};
 
 /// A body that a force along x pushes through air that may blow.
 const PUSHED: &str = r#"
@@ -115,6 +115,51 @@ fn output_error_is_sure_and_wrong_where_filter_error_is_not() {
         |estimate: Estimate| (100..106).map(|seed| holds(&fit(GUST_STD_N, seed, estimate))).sum::<usize>();
     let (filter, output) = (inside(filter_error), inside(output_error));
     assert!(filter >= 15 && output <= 13, "{filter} and {output} of 18");
+}
+
+/// Errors of poses that last look like forces that the model lacks: filter error called a right model wrong.
+#[test]
+fn the_criterion_distinguishes_gusts_from_errors_of_poses_that_last() {
+    let vehicle = pushed();
+    let model = |inputs: &InputSeries| FlightModel::new(&vehicle, inputs).expect("a model");
+    for seed in 0..3 {
+        for (gust_std_n, slow, filter_is_better) in [(GUST_STD_N, 0.0, true), (0.0, 2.0, false)] {
+            let mut random = Random::new(seed, 1);
+            let (inputs, states) = blown(&vehicle, gust_std_n, &mut random);
+            let mut poses = noisy_poses(&states, 1.0, &mut random);
+            add_slow_errors(&mut poses, 0.1, slow, &mut random);
+            let measured = Measurements::States(poses);
+            let criterion = |estimate: Estimate| {
+                let fit = estimate(&model(&inputs), &inputs, &measured, &OutputErrorOptions::default());
+                fit.expect("a fit").criterion
+            };
+            let better_by = criterion(output_error) - criterion(filter_error);
+            assert_eq!(better_by > 0.0, filter_is_better, "gusts of {gust_std_n} N: better by {better_by}");
+        }
+    }
+}
+
+/// Of two fits that contradict each other the one is doubted that explains the flight worse.
+#[test]
+fn the_fit_that_explains_the_flight_worse_is_doubted() {
+    let output = fit(0.0, 3, output_error);
+    assert!(output.parameters.iter().all(|p| p.identifiable));
+    for worse_by in [-10.0, 10.0] {
+        let mut filter = output.clone();
+        filter.parameters[0].value += 20.0 * filter.parameters[0].std;
+        filter.criterion += worse_by;
+        let mut fits =
+            FlightFits { poses: Some(output.clone()), filter: Some(filter), ..FlightFits::default() };
+        fits.doubt(None);
+        let is_refuted = worse_by > 0.0;
+        assert_eq!(fits.adequacy.contradiction.is_none(), is_refuted);
+        assert_eq!(fits.adequacy.refuted.is_some(), is_refuted);
+        let (poses, filter) = (fits.poses.expect("output error"), fits.filter.expect("filter error"));
+        let (kept, doubted) = if is_refuted { (poses, filter) } else { (filter, poses) };
+        assert!(kept.parameters.iter().all(|p| p.identifiable));
+        assert!(doubted.parameters.iter().all(|p| !p.identifiable));
+        assert!(doubted.notes[0].starts_with("Do not use its parameters"), "{:?}", doubted.notes);
+    }
 }
 
 #[test]

@@ -63,3 +63,24 @@ pub(crate) fn noisy_poses(states: &[FlightState], times: f64, random: &mut Rando
         })
         .collect()
 }
+
+/// Adds errors that last so long, of the given multiple of 0.5 mm and 0.05°.
+pub(crate) fn add_slow_errors(
+    samples: &mut [StateMeasurement],
+    time_s: f64,
+    times: f64,
+    random: &mut Random,
+) {
+    let mut slow = (normal3(random), normal3(random));
+    let mut before_s = None;
+    for sample in samples {
+        let interval_s = sample.t_s() - before_s.replace(sample.t_s()).unwrap_or(sample.t_s());
+        let kept = f64::exp(-interval_s / time_s);
+        let fresh = (1.0 - kept * kept).sqrt();
+        let next = |e: Vector3<f64>, random: &mut Random| e * kept + normal3(random) * fresh;
+        slow = (next(slow.0, random), next(slow.1, random));
+        let pose = &mut sample.pose.as_mut().expect("a pose").0;
+        pose.translation.vector += slow.0 * (times * POSITION_STD_M);
+        pose.rotation *= UnitQuaternion::from_scaled_axis(slow.1 * (times * TURN_STD_RAD));
+    }
+}
