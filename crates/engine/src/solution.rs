@@ -8,7 +8,7 @@ use mavsight_flight::{InputSeries, SensorSeries, Vehicle};
 use mavsight_identify::EquationFile;
 use mavsight_identify::output_error::{MotionFits, fitted_stretch_s};
 use mavsight_pipeline::{IdentifyOptions, Progress, motion_of, systematic_columns};
-use mavsight_pose::{MarkerObservation, PoseEstimate, RateSeries};
+use mavsight_pose::{MarkerObservation, RateSeries};
 use mavsight_session::logs::LogGyroscope;
 use mavsight_session::{RunResults, Session, write_markers_early};
 use std::path::Path;
@@ -184,15 +184,15 @@ pub fn solve(
         None => results.markers = observations.iter().collect(),
     }
     drop(observations);
-    let with_columns: Vec<usize> = systematic.iter().map(|(k, _)| *k).collect();
+    let mut condensed = Vec::with_capacity(systematic.len());
     for (k, columns) in systematic {
         let pose = &mut results.poses[k];
+        condensed.push((k, pose.estimate.clone()));
         pose.estimate = pose.estimate.clone().map(|e| e.with_systematic(&columns));
     }
     identify_into(&mut results, motion, log, flight, progress)?;
-    for k in with_columns {
-        let pose = &mut results.poses[k];
-        pose.estimate = pose.estimate.clone().map(PoseEstimate::condensed);
+    for (k, estimate) in condensed {
+        results.poses[k].estimate = estimate;
     }
     Ok(results)
 }

@@ -165,24 +165,22 @@ mod tests {
         }
     }
 
-    /// What the encoder leaves open is in the poses' covariances and in the columns that say how they err together.
+    /// What the encoder leaves open is in the poses' covariances. Output error, which solves for systematic errors, solved for
+    /// this one too and found the poses' noise: paper-flight's parameters were ten standard deviations off.
     #[test]
-    fn poses_from_reordered_frames_may_be_displaced_together() {
+    fn poses_from_reordered_frames_may_be_displaced_and_output_error_does_not_solve_for_it() {
         let (rig, body) = (rig(), body_markers(&Vehicle::paper()));
         let [as_shown, reordered] = [false, true].map(|may_be_reordered| {
             let mut tracked = Tracked { may_be_reordered, ..tracked(&rig, &body, 0.0, 0) };
             poses_anew(PoseEstimator::new(&rig, &body), &mut tracked).unwrap();
             tracked
         });
-        let (without, with) = (systematic_columns(&as_shown), systematic_columns(&reordered));
-        assert_eq!(without.len(), with.len());
-        for ((k, without), (_, with)) in std::iter::zip(without, with) {
-            let by = reordered.displacements[k];
-            assert_eq!(without.ncols() + 1, with.ncols());
-            assert!(by.norm() > 0.0 && with.column(without.ncols()) == by);
+        assert_eq!(systematic_columns(&as_shown), systematic_columns(&reordered));
+        for (k, by) in reordered.displacements.iter().enumerate() {
             let covariance = |t: &Tracked| t.poses[k].estimate.as_ref().unwrap().covariance();
             let more = covariance(&reordered) - covariance(&as_shown);
             let expected = by.map(f64::from);
+            assert!(expected.norm() > 0.0);
             assert!((more - expected * expected.transpose()).norm() < 1e-3 * expected.norm_squared());
         }
     }

@@ -88,29 +88,35 @@ pub fn motion_of(
     if tracked.estimator.is_none() {
         return motion_from_poses(&tracked.poses, rates, vehicle, progress);
     }
-    let effects = systematic_effects(tracked);
+    let of_cameras = systematic_effects(tracked);
+    let effects = |k: usize| {
+        let effects = of_cameras(k)?;
+        let Some(displaced) = tracked.displacements.get(k) else { return Some(effects) };
+        let at = effects.ncols();
+        let mut effects = effects.insert_column(at, 0.0);
+        effects.set_column(at, &displaced.map(f64::from));
+        Some(effects)
+    };
     smoothed(&tracked.poses, &effects, rates, vehicle, progress)
 }
 
-/// The effects of systematic errors on the poses, by the pose's number, formed from the observations when
-/// they are asked for.
+/// The effects of systematic errors of cameras and markers on the poses, by the pose's number, formed from the observations
+/// when they are asked for.
 fn systematic_effects(tracked: &Tracked) -> impl Fn(usize) -> Option<Matrix6xX<f64>> {
     let seen = RefCell::new(Vec::new());
     move |k| {
         let pose = &tracked.poses[k];
         let mut seen = seen.borrow_mut();
         tracked.observations.at(pose.t_ns, &mut seen);
-        let effects = tracked.estimator.as_ref()?.systematic_effects(&seen, pose.estimate.as_ref().ok()?)?;
-        let Some(displaced) = tracked.displacements.get(k) else { return Some(effects) };
-        let at = effects.ncols();
-        let mut effects = effects.insert_column(at, 0.0);
-        effects.set_column(at, &displaced.map(f64::from));
-        Some(effects)
+        tracked.estimator.as_ref()?.systematic_effects(&seen, pose.estimate.as_ref().ok()?)
     }
 }
 
 /// How the systematic errors of poses are correlated, for output error: of those from which it is fitted, a
 /// minute at most ([`fitted_stretch_s`]), their numbers and systematic columns.
+///
+/// Displacements of reordered frames are not among them. Output error solves for the size of each systematic error, and
+/// those are made from the poses' own noise: it would find the noise in itself (errors in variables).
 pub fn systematic_columns(tracked: &Tracked) -> Vec<(usize, Matrix6xX<f32>)> {
     let effects = systematic_effects(tracked);
     let stretch_s = fitted_stretch_s(&tracked.poses);
