@@ -177,7 +177,7 @@ pub(crate) fn joined(
     });
     found.extend(associator.misfit_by_clocks(rig, Some(ClockEvidence { streams: seen }))?);
     all.tracked.findings = found;
-    all.leave_out_frozen(associator.moved_cameras());
+    all.leave_out_moved(&associator);
     associator.finish(rig, watches, &mut all.tracked);
     all.withhold_what_is_of_another_body();
     let mut tracked = all.finish()?;
@@ -333,6 +333,23 @@ mod tests {
                 );
             }
         }
+    }
+
+    /// The one camera that was left repeated its image but for an encoder's noise: it was taken for an aircraft that stands.
+    #[test]
+    fn a_camera_that_froze_and_outlived_the_other_measures_nothing() {
+        let exact = late(0.0, 0.0);
+        let mut streams = vec![stream(0, exact, 30.0, 0..61), stream(1, exact, 30.0, 0..150)];
+        let mut random = mavsight_random::Random::new(4, 0);
+        let (before, after) = streams[1].detections.split_at_mut(4 * 61);
+        for (k, detection) in after.iter_mut().enumerate() {
+            let jitter = mavsight_geometry::Vector2::from(random.normals()) * 2e-3;
+            detection.pixel = before[4 * 60 + k % 4].pixel + jitter;
+        }
+        let tracked = flown(streams);
+        let found: Vec<_> = tracked.findings.iter().map(|f| (f.cause(), f.camera)).collect();
+        assert_eq!(found, [(Some(crate::Cause::CameraFrozen), Some(1))], "{:?}", tracked.findings);
+        assert!(tracked.poses.iter().all(|p| p.t_ns < 2_100_000_000), "{:?}", tracked.poses.last());
     }
 
     #[test]

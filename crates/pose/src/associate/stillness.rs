@@ -135,7 +135,7 @@ impl Associator {
                 if is_long && first == other && is_far(seen.mean_px - first_px, 2.0 * variance_px2) {
                     let still_since_ns = Some(own.since_ns);
                     let shift_px = seen.mean_px;
-                    self.watch.moved.push(MovedCamera { camera, t_ns, shift_px, still_since_ns });
+                    self.watch.leave_out(MovedCamera { camera, t_ns, shift_px, still_since_ns, or: None });
                     break;
                 }
             }
