@@ -8,7 +8,9 @@ use crate::watch::{CameraWatch, standing};
 use crate::{Cause, Finding, PipelineError};
 use mavsight_flight::Vehicle;
 use mavsight_geometry::{Camera, Vector3};
-use mavsight_pose::{Association, Associator, MovedCamera, PoseEstimator, Rig, TrackedDetection};
+use mavsight_pose::{
+    Association, Associator, MovedCamera, Observations, PoseEstimator, PoseSample, Rig, TrackedDetection,
+};
 
 /// One instant of a flight: what all cameras saw, and what was made of it.
 #[derive(Debug, Clone, Copy)]
@@ -140,6 +142,16 @@ impl FlightAssociator {
         clocks: Option<ClockEvidence>,
     ) -> Result<Vec<Finding>, PipelineError> {
         misfit::findings(self.associator.estimator(), rig, &self.sample, clocks)
+    }
+
+    /// Since when a camera may have been moved that was found to be.
+    pub(crate) fn shifted_since_ns(
+        &self,
+        moved: &MovedCamera,
+        seen: &Observations,
+        poses: &[PoseSample],
+    ) -> i64 {
+        self.associator.shifted_since_ns(moved, seen, poses)
     }
 
     /// Cameras that were found to be moved; they take no part from then on.

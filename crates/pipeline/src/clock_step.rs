@@ -36,6 +36,8 @@ enum Break {
     Set(i64),
     /// The flight does not show which; nanoseconds by which the clock would have been set.
     Undecided(i64),
+    /// The flight does not show whether the clock was set back, by nanoseconds, or frames were written twice.
+    Again(i64),
 }
 
 /// Takes the steps of the cameras' clocks out of their time stamps where the flight shows them, and says which. Where it does
@@ -71,6 +73,16 @@ pub(crate) fn set_right(streams: &mut [Stream], rig: &Rig, vehicle: &Vehicle) ->
                     streams[camera].end_before(at);
                     let causes = vec![Cause::ClockStep, Cause::CameraPaused];
                     Finding { causes, camera: Some(camera), note }
+                }
+                Break::Again(by_ns) => {
+                    let by_ms = by_ns as f64 * 1e-6;
+                    let note = format!(
+                        "{name}: at {t_s:.3} s its time stamps have gone back by {by_ms:.1} ms, to those of frames before: its clock was \
+                         set, or frames were written twice, and the flight does not show which. It is left out from there on. Let no \
+                         program set the clock of a camera that films."
+                    );
+                    streams[camera].end_before(at);
+                    Finding::of(Cause::ClockStep, Some(camera), note)
                 }
             });
         }
@@ -138,8 +150,10 @@ fn what_happened(
         0.0 => Some((stream.clock.clock.offset_s, 0.0)),
         _ => clock_of(streams, camera, 0..at, rig, vehicle),
     };
-    // A clock that is less than determined may be anywhere: its estimate is near its start.
-    let is_determined = |c: &(f64, f64)| c.1 <= DETERMINED * interval_s;
+    // A clock that is less than determined may be anywhere: its estimate is near its start. By whole frames it has to be known
+    // as well as decides between none and all of them.
+    let limit_s = if is_whole { by_s(0).abs() / DECISIVE.sqrt() } else { DETERMINED * interval_s };
+    let is_determined = |c: &(f64, f64)| c.1 <= limit_s;
     let (ahead_s, std_s) = match (before.filter(is_determined), after.filter(is_determined)) {
         (Some(b), Some(a)) => (a.0 - b.0, b.1.hypot(a.1)),
         _ => (0.0, f64::INFINITY),
@@ -153,8 +167,10 @@ fn what_happened(
     let lead = if backward > 0 && !is_whole { f64::INFINITY } else { square(0.0) - square(set_s) };
     if lead >= DECISIVE {
         Some(Break::Set(ns(set_s)))
-    } else if lead <= -DECISIVE || is_whole {
+    } else if lead <= -DECISIVE || (is_whole && backward == 0) {
         None
+    } else if is_whole {
+        Some(Break::Again(ns(set_s)))
     } else {
         Some(Break::Undecided(ns(set_s)))
     }
@@ -228,6 +244,34 @@ mod tests {
             let apart_ns = stepped[1].stamps_ns.iter().zip(right).map(|(a, b)| (a - b).abs()).max();
             assert!(apart_ns < Some(1_000_000), "{by_ms} ms: {apart_ns:?} ns");
         }
+    }
+
+    /// Before a flight at rest nothing shows whether a clock was set back by whole frames: its stamps were taken as they were.
+    #[test]
+    fn a_camera_whose_stamps_went_back_by_whole_frames_is_left_out_where_nothing_shows_why() {
+        let mut resting = streams();
+        for stream in &mut resting {
+            let first: Vec<_> = stream.detections[..4].to_vec();
+            let rest = |(k, d): (usize, &mut crate::stream::StoredDetection)| {
+                d.pixel = first[k % 4].pixel + (d.pixel - first[k % 4].pixel) * 1e-4;
+            };
+            stream.detections.iter_mut().enumerate().for_each(rest);
+        }
+        let backward_ns = resting[1].stamps_ns[65..70].to_vec();
+        resting[1] = with_frames(&resting[1], 1, |k| !(70..75).contains(&k));
+        backward_ns.iter().for_each(|t| resting[1].add_backward(*t));
+        let by_ns = resting[1].stamps_ns[70] - resting[1].stamps_ns[69];
+        assert!(by_ns > 190_000_000, "{by_ns}");
+        resting[1].move_stamps(70, -166_666_667);
+        let findings = found(&mut resting);
+        let [one] = &findings[..] else { panic!("{findings:?}") };
+        assert_eq!((one.cause(), one.camera), (Some(Cause::ClockStep), Some(1)), "{}", one.note);
+        assert!(one.note.contains("or frames were written twice"), "{}", one.note);
+        assert_eq!(resting[1].stamps_ns.len(), 70);
+        // Frames that are missing are that, and no more.
+        let mut missing = streams();
+        missing[1] = with_frames(&missing[1], 1, |k| !(70..75).contains(&k));
+        assert_eq!(found(&mut missing), vec![]);
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! Marker observations into poses.
 
+use crate::associate::FlightAssociator;
 use crate::markers::body_markers;
 use crate::poses::{pose_at, poses_anew, provisional};
 use crate::tracked::Tracked;
@@ -47,19 +48,30 @@ impl Reconstruction {
         self.tracked.poses.push(provisional(association.sample));
     }
 
-    /// Takes back what a camera is said to have seen while its image was frozen, before that was noticed: the poses are
-    /// estimated anew without it.
-    pub(crate) fn leave_out_frozen(&mut self, moved: &[MovedCamera]) {
-        let is_frozen = |o: &MarkerObservation| {
-            let of = moved.iter().find(|m| m.camera == o.camera);
-            of.is_some_and(|m| m.still_since_ns.is_some_and(|since_ns| o.t_ns > since_ns))
+    /// Takes back what cameras are said to have seen while their images were frozen, or after they may have been moved, before
+    /// that was noticed: the poses are estimated anew without it.
+    pub(crate) fn leave_out_moved(&mut self, associator: &FlightAssociator) {
+        let moved = associator.moved_cameras();
+        let since_ns = |m: &MovedCamera| match m.still_since_ns {
+            Some(since_ns) => since_ns + 1,
+            None => associator.shifted_since_ns(m, &self.tracked.observations, &self.tracked.poses),
         };
-        if !self.tracked.observations.iter().any(|o| is_frozen(&o)) {
+        let all: Vec<(&MovedCamera, i64)> = moved.iter().map(|m| (m, since_ns(m))).collect();
+        // Of two of which either was moved both are left out alike.
+        let from_ns = |m: &MovedCamera| {
+            let both = all.iter().filter(|(n, _)| n.camera == m.camera || Some(n.camera) == m.or);
+            both.map(|(_, since_ns)| *since_ns).min()
+        };
+        let from: Vec<(usize, Option<i64>)> = moved.iter().map(|m| (m.camera, from_ns(m))).collect();
+        let is_off = |o: &MarkerObservation| {
+            from.iter().any(|(camera, from_ns)| *camera == o.camera && from_ns.is_some_and(|t| o.t_ns >= t))
+        };
+        if !self.tracked.observations.iter().any(|o| is_off(&o)) {
             return;
         }
         let all = std::mem::take(&mut self.tracked.observations);
         let diameters_px = std::mem::take(&mut self.tracked.diameters_px);
-        for (o, diameter_px) in all.iter().zip(diameters_px).filter(|(o, _)| !is_frozen(o)) {
+        for (o, diameter_px) in all.iter().zip(diameters_px).filter(|(o, _)| !is_off(o)) {
             self.tracked.observations.push(&o);
             self.tracked.diameters_px.push(diameter_px);
         }

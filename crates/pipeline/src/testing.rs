@@ -69,6 +69,17 @@ pub(crate) fn with_frames(whole: &Stream, camera: usize, kept: impl Fn(usize) ->
     out
 }
 
+/// A camera that did not find some balls, by the numbers of the frame and of the ball.
+pub(crate) fn without_balls(whole: &Stream, camera: usize, is_lost: impl Fn(usize, usize) -> bool) -> Stream {
+    let mut out = Stream::new(camera, whole.name.clone(), whole.clock, whole.readout);
+    for (k, stamp_ns) in whole.stamps_ns.iter().enumerate() {
+        let seen: Vec<_> =
+            whole.detections().filter(|d| d.t_ns == *stamp_ns && !is_lost(k, d.color)).collect();
+        out.add(*stamp_ns, &seen, None);
+    }
+    out
+}
+
 /// The same of a camera without a clock of its own, with its balls identified.
 pub(crate) fn seen_by(camera: usize, frames: std::ops::Range<usize>) -> Vec<MarkerObservation> {
     let stream = stream(camera, CameraClock::default(), 30.0, frames);

@@ -177,7 +177,7 @@ pub(crate) fn joined(
     });
     found.extend(associator.misfit_by_clocks(rig, Some(ClockEvidence { streams: seen }))?);
     all.tracked.findings = found;
-    all.leave_out_frozen(associator.moved_cameras());
+    all.leave_out_moved(&associator);
     associator.finish(rig, watches, &mut all.tracked);
     all.withhold_what_is_of_another_body();
     let mut tracked = all.finish()?;
@@ -222,7 +222,7 @@ fn span_notes(streams: &[Stream], clocks: &[CameraClock]) -> Result<Vec<String>,
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::{pose, rig, stream};
+    use crate::testing::{pose, rig, stream, without_balls};
     use mavsight_pose::ClockPrior;
 
     fn late(offset_s: f64, drift: f64) -> CameraClock {
@@ -333,6 +333,41 @@ mod tests {
                 );
             }
         }
+    }
+
+    /// Balls of a frozen image that were not found for a while made it another one, and what it had shown before was believed.
+    #[test]
+    fn a_frozen_image_of_which_some_balls_are_not_found_is_dated_to_its_first_frame() {
+        let exact = late(0.0, 0.0);
+        let mut frozen = stream(1, exact, 30.0, 0..150);
+        let mut random = mavsight_random::Random::new(6, 0);
+        let (before, after) = frozen.detections.split_at_mut(4 * 61);
+        for (k, detection) in after.iter_mut().enumerate() {
+            let jitter = mavsight_geometry::Vector2::from(random.normals()) * 2e-3;
+            detection.pixel = before[4 * 60 + k % 4].pixel + jitter;
+        }
+        let frozen = without_balls(&frozen, 1, |frame, ball| (80..100).contains(&frame) && ball > 0);
+        let tracked = flown(vec![stream(0, exact, 30.0, 0..150), frozen]);
+        let [one] = &tracked.findings[..] else { panic!("{:?}", tracked.findings) };
+        assert_eq!((one.cause(), one.camera), (Some(crate::Cause::CameraFrozen), Some(1)), "{}", one.note);
+        assert!(one.note.contains("from 2.000 s"), "{}", one.note);
+    }
+
+    /// The one camera that was left repeated its image but for an encoder's noise: it was taken for an aircraft that stands.
+    #[test]
+    fn a_camera_that_froze_and_outlived_the_other_measures_nothing() {
+        let exact = late(0.0, 0.0);
+        let mut streams = vec![stream(0, exact, 30.0, 0..61), stream(1, exact, 30.0, 0..150)];
+        let mut random = mavsight_random::Random::new(4, 0);
+        let (before, after) = streams[1].detections.split_at_mut(4 * 61);
+        for (k, detection) in after.iter_mut().enumerate() {
+            let jitter = mavsight_geometry::Vector2::from(random.normals()) * 2e-3;
+            detection.pixel = before[4 * 60 + k % 4].pixel + jitter;
+        }
+        let tracked = flown(streams);
+        let found: Vec<_> = tracked.findings.iter().map(|f| (f.cause(), f.camera)).collect();
+        assert_eq!(found, [(Some(crate::Cause::CameraFrozen), Some(1))], "{:?}", tracked.findings);
+        assert!(tracked.poses.iter().all(|p| p.t_ns < 2_100_000_000), "{:?}", tracked.poses.last());
     }
 
     #[test]

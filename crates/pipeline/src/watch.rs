@@ -123,8 +123,9 @@ pub(crate) fn standing(rig: &Rig, moved: &[MovedCamera], found: &[Finding]) -> V
         f.causes.iter().any(|c| views.contains(c))
     };
     let is_explained = found.iter().any(is_other);
+    let name = |camera: usize| rig.cameras.get(camera).map_or("a camera", |c| c.name.as_str());
     let of = |m: &MovedCamera| {
-        let name = rig.cameras.get(m.camera).map_or("a camera", |c| c.name.as_str());
+        let (name, other) = (name(m.camera), m.or.map(name));
         let t_s = m.t_ns as f64 * 1e-9;
         match m.still_since_ns {
             Some(still_ns) => {
@@ -144,6 +145,16 @@ pub(crate) fn standing(rig: &Rig, moved: &[MovedCamera], found: &[Finding]) -> V
                 );
                 Finding { causes: vec![], camera: Some(m.camera), note }
             }
+            None if other.is_some() => {
+                let note = format!(
+                    "{name} or {} was moved, at {t_s:.3} s or while the aircraft was hidden before: it is shifted by {:.1} px in the image of \
+                     one against that of the other, and the flight does not show in which. Both are left out from then on; fix them \
+                     and calibrate again to use what they filmed.",
+                    other.unwrap_or_default(),
+                    m.shift_px.norm()
+                );
+                Finding::of(Cause::CameraMoved, None, note)
+            }
             None => {
                 let note = format!(
                     "{name} was moved at {t_s:.3} s: the aircraft is shifted in its image by {:.1} px against the other cameras and \
@@ -154,7 +165,9 @@ pub(crate) fn standing(rig: &Rig, moved: &[MovedCamera], found: &[Finding]) -> V
             }
         }
     };
-    moved.iter().map(of).collect()
+    // Of two that may have been moved the first stands for both.
+    let is_first = |(k, m): &(usize, &MovedCamera)| !moved[..*k].iter().any(|n| Some(n.camera) == m.or);
+    moved.iter().enumerate().filter(is_first).map(|(_, m)| of(m)).collect()
 }
 
 #[cfg(test)]

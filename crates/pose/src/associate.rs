@@ -10,6 +10,7 @@ mod evidence;
 mod follow;
 mod frame;
 mod history;
+mod shifted_since;
 mod stillness;
 mod symmetry;
 #[cfg(test)]

@@ -48,8 +48,11 @@ impl Stream {
         for (k, (stamp_ns, own)) in self.frames().enumerate() {
             seen.clear();
             seen.extend(own.iter().map(|s| s.detection(self.camera, stamp_ns)));
-            match places.displaced(self.camera, &seen).filter(Displacement::is_still) {
+            let by = places.displaced(self.camera, &seen);
+            match by.filter(Displacement::is_still) {
                 Some(by) => (end.images, end.variance_px2) = (end.images + 1, by.variance_px2),
+                // What hides some of the balls, or spoils their detections, does not move those that are left.
+                None if by.is_none() && end.images > 1 && places.are_where_they_were(self.camera, &seen) => {}
                 None => {
                     end = StillEnd { from: k, images: 1, variance_px2: 0.0 };
                     places.take(&seen);
@@ -116,6 +119,17 @@ struct Movement {
     is_long: bool,
 }
 
+/// That the last camera of a flight repeats one image, noise and all.
+fn alone(name: &str, camera: usize, (from_ns, to_ns): (i64, i64)) -> Finding {
+    let note = format!(
+        "{name} froze: from {:.3} s to its end at {:.3} s its images show the balls in the same places without any noise, and no other \
+         camera filmed for as long. It is left out from there on. Check its cable, its bandwidth and its driver.",
+        from_ns as f64 * 1e-9,
+        to_ns as f64 * 1e-9
+    );
+    Finding::of(Cause::CameraFrozen, Some(camera), note)
+}
+
 /// Leaves out the end of a camera whose balls stand still from a frame on to its last one, with no more than an encoder's
 /// noise, while another camera sees the body move and go on moving. Where the other camera sees that for less than a second,
 /// a clock may be wrong instead: both causes are listed if the session says that the clocks are known, and nothing is
@@ -130,8 +144,17 @@ pub(crate) fn leave_out_still(streams: &mut [Stream]) -> Vec<Finding> {
             continue;
         };
         let others = streams.iter().filter(|s| s.camera != camera);
-        let seen = others.filter_map(|s| s.movement((from_ns, to_ns), still.variance_px2));
-        let Some(movement) = seen.max_by_key(|m| m.is_long) else { continue };
+        let seen = others.clone().filter_map(|s| s.movement((from_ns, to_ns), still.variance_px2));
+        let movement = seen.max_by_key(|m| m.is_long);
+        // Images that nobody can compare and that show nothing anew measure nothing, whatever the clocks are.
+        let is_alone = others.map(|s| s.span_ns().1).all(|end_ns| end_ns <= to_ns - LONGEST_APART_NS);
+        if is_alone && movement.as_ref().is_none_or(|m| !m.is_long) {
+            let finding = alone(&streams[camera].name, camera, (from_ns, to_ns));
+            streams[camera].end_before(still.from + 1);
+            findings.push(finding);
+            continue;
+        }
+        let Some(movement) = movement else { continue };
         let is_known = |s: &Stream| s.clock.offset_std_s == 0.0;
         let (causes, or) = if movement.is_long {
             (vec![Cause::CameraFrozen], "")

@@ -47,6 +47,9 @@ impl Associator {
             let rest = self.associated_by(frame, Some(belief), |k| self.is_in_use(&candidates[k]));
             out = if rest.sample.estimate.is_ok() { rest } else { out };
         }
+        if out.sample.estimate.is_ok() {
+            self.note_agreement(frame, &out);
+        }
         if let Ok(estimate) = &out.sample.estimate {
             self.history.push(t_ns, estimate, predicted.as_ref());
             let (squares, degrees) = self.misfit(estimate, frame, &out.pairs);

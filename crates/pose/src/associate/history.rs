@@ -136,8 +136,12 @@ impl Noise {
         (self.degrees > 0.0).then(|| (self.squares / self.degrees).max(1.0))
     }
 
+    /// What is beyond chance by the noise so far counts as much as chance allows (Huber 1981): noise that grows is followed, a
+    /// camera that was pushed is not taken for noise.
     pub(super) fn learn(&mut self, estimate: &PoseEstimate, squares: f64, degrees: f64) {
         if estimate.left_out.is_empty() && degrees >= LEAST_DEGREES {
+            let most = |scale: f64| scale * crate::estimate::chi_square_quantile(degrees as usize);
+            let squares = squares.min(self.scale().map_or(f64::INFINITY, most));
             self.squares = NOISE_MEMORY * self.squares + squares;
             self.degrees = NOISE_MEMORY * self.degrees + degrees;
         }
@@ -162,6 +166,9 @@ pub struct MovedCamera {
     /// Since when its balls have stood still, where most of the shift has come since: its image is frozen, and
     /// it is the aircraft that moved.
     pub still_since_ns: Option<i64>,
+    /// The camera that may have been moved in its place: what two cameras see together does not show which of them it was.
+    /// Neither takes part from then on.
+    pub or: Option<usize>,
 }
 
 /// A camera's balls, for as long as they stand still in its images.
@@ -204,6 +211,8 @@ pub(super) struct Watch {
     /// For each camera the mean square shift of its view of the body while it stands, in standard deviations:
     /// 2, and more where cameras are less exact than is claimed.
     usual: Vec<f64>,
+    /// Instants without one in between at which two cameras saw the body alike, up to the last one.
+    pub(super) agreed: usize,
     still: Vec<Still>,
     pub(super) repeated: Vec<Repeated>,
 }
@@ -214,7 +223,18 @@ impl Watch {
     }
 
     pub(super) fn is_out(&self, camera: usize) -> bool {
-        self.moved.iter().chain(&self.suspects).any(|m| m.camera == camera)
+        let suspects = self.suspects.iter().filter(|s| s.or.is_none());
+        self.moved.iter().chain(suspects).any(|m| m.camera == camera)
+    }
+
+    /// Leaves a camera out from now on, and with it the one that may have been moved in its place.
+    pub(super) fn leave_out(&mut self, found: MovedCamera) {
+        let rival = found.or.filter(|_| found.still_since_ns.is_none());
+        self.moved.push(MovedCamera { or: rival, ..found });
+        if let Some(other) = rival.filter(|other| !self.is_moved(*other)) {
+            let (camera, or) = (other, Some(found.camera));
+            self.moved.push(MovedCamera { camera, or, shift_px: -found.shift_px, ..found });
+        }
     }
 
     /// Since when the balls of a camera stand still, where most of the shift of its view has come since.

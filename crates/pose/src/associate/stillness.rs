@@ -66,6 +66,19 @@ impl BallPlaces {
     }
 }
 
+impl BallPlaces {
+    /// Whether those balls of a camera that are seen again are where they were, to within no more than an encoder's noise: too
+    /// few to show that it stands still, while none says that it does not.
+    pub fn are_where_they_were(&self, camera: usize, seen: &[TrackedDetection]) -> bool {
+        seen.iter().filter(|s| s.camera == camera).all(|own| {
+            let before = self.balls.iter().find(|b| (b.0, b.1) == (camera, own.track_id));
+            before.is_some_and(|b| {
+                (own.pixel - b.2).norm_squared() <= NO_NOISE * 2.0 * own.covariance_px2.trace()
+            })
+        })
+    }
+}
+
 impl Displacement {
     /// Whether it is so small that the balls were not seen anew.
     pub fn is_still(&self) -> bool {
@@ -113,11 +126,14 @@ impl Associator {
                 continue;
             }
             let own = &mut self.watch.repeated[camera];
-            if own.began.displaced(camera, frame.seen).is_none_or(|d| !d.is_still()) {
-                own.begin(frame);
-                continue;
+            match own.began.displaced(camera, frame.seen) {
+                Some(by) if by.is_still() => own.images += 1,
+                None if own.is_repeated() && own.began.are_where_they_were(camera, frame.seen) => continue,
+                _ => {
+                    own.begin(frame);
+                    continue;
+                }
             }
-            own.images += 1;
             if own.images < STILL_IMAGES {
                 continue;
             }
@@ -135,7 +151,7 @@ impl Associator {
                 if is_long && first == other && is_far(seen.mean_px - first_px, 2.0 * variance_px2) {
                     let still_since_ns = Some(own.since_ns);
                     let shift_px = seen.mean_px;
-                    self.watch.moved.push(MovedCamera { camera, t_ns, shift_px, still_since_ns });
+                    self.watch.leave_out(MovedCamera { camera, t_ns, shift_px, still_since_ns, or: None });
                     break;
                 }
             }

@@ -1,6 +1,6 @@
 use super::*;
 use crate::testing::{cameras, rig};
-use crate::{BodyMarker, PoseError, PoseEstimator, TrackedDetection};
+use crate::{BodyMarker, Observations, PoseError, PoseEstimator, TrackedDetection};
 use mavsight_geometry::{EulerAngles, Isometry3, Matrix2, Point3, Vector2, Vector3, world_from_body};
 use mavsight_random::Random;
 
@@ -214,6 +214,53 @@ fn a_camera_that_is_pushed_is_named_and_left_out() {
             assert!((named.shift_px - turn_px).norm() < 2.0 && named.still_since_ns.is_none(), "{named:?}");
         }
     }
+}
+
+/// Of two cameras the one was left out that happened to be noticed first, and the other, which had been pushed, was believed.
+#[test]
+fn of_two_cameras_that_were_hidden_from_when_one_was_pushed_neither_is_believed() {
+    let colors = [0, 1, 2, 3];
+    for pushed in 0..2 {
+        let mut associator = associator(&PAPER, &colors).unwrap();
+        let mut random = Random::new(31, 0);
+        for k in 0..80 {
+            let mut frame = seen(&PAPER, &colors, &hovering_at(k), &mut random);
+            frame.retain(|_| !(50..60).contains(&k));
+            for (_, candidate) in frame.iter_mut().filter(|(_, c)| c.camera == pushed && k >= 55) {
+                candidate.pixel += Vector2::new(2.4, -1.8);
+            }
+            let candidates: Vec<TrackedDetection> = frame.iter().map(|f| f.1).collect();
+            let found = associator.associate(k * FRAME_NS, &candidates);
+            assert!(k < 65 || found.sample.estimate.is_err(), "camera {pushed}, frame {k}");
+        }
+        let out: Vec<_> = associator.moved_cameras().iter().map(|m| (m.camera, m.or)).collect();
+        assert!(out == [(0, Some(1)), (1, Some(0))] || out == [(1, Some(0)), (0, Some(1))], "{out:?}");
+    }
+}
+
+/// While two balls alone were seen of a camera that was pushed nothing showed it, and the poses by it were kept.
+#[test]
+fn a_push_is_dated_to_when_it_may_have_been() {
+    let colors = [0, 1, 2, 3];
+    let mut associator = associator(&PAPER, &colors).unwrap();
+    let (mut random, mut all, mut poses) = (Random::new(33, 0), Observations::default(), Vec::new());
+    for k in 0..100 {
+        let mut frame = seen(&PAPER, &colors, &hovering_at(k), &mut random);
+        frame.retain(|(m, c)| c.camera == 0 || *m < 2 || !(50..80).contains(&k));
+        for (_, candidate) in frame.iter_mut().filter(|(_, c)| c.camera == 1 && k >= 60) {
+            candidate.pixel += Vector2::new(1.6, 1.2);
+        }
+        let candidates: Vec<TrackedDetection> = frame.iter().map(|f| f.1).collect();
+        let found = associator.associate(k * FRAME_NS, &candidates);
+        for (index, marker) in &found.pairs {
+            all.push(&TrackedDetection { t_ns: k * FRAME_NS, ..candidates[*index] }.of_marker(*marker));
+        }
+        poses.push(found.sample);
+    }
+    let moved = *associator.moved_cameras().first().expect("a camera that was moved");
+    assert!(moved.t_ns >= 60 * FRAME_NS, "{moved:?}");
+    let since = associator.shifted_since_ns(&moved, &all, &poses) / FRAME_NS;
+    assert!((46..=60).contains(&since), "since frame {since}: {moved:?}");
 }
 
 /// The second camera repeats the image of frame 60, but for what a codec adds: whoever is left out for that is the

@@ -14,12 +14,29 @@ const COMMON: f64 = 0.25;
 /// Detections of one instant that may be off while the rest is believed: two balls, one before the other.
 const MOST_OFF: usize = 2;
 
+/// Instants at which the cameras agree that make a prediction theirs: it is by two poses.
+const AGREED: usize = 2;
+
 /// By how much a camera's view of the body is off.
-struct Shift {
-    mean_px: Vector2<f64>,
-    /// In standard deviations, scaled by the residuals so far.
-    square: f64,
+pub(super) struct Shift {
+    pub(super) mean_px: Vector2<f64>,
+    /// Inverse of its covariance, scaled by the residuals so far.
+    pub(super) information: Matrix2<f64>,
     is_common: bool,
+}
+
+impl Shift {
+    /// Whether it is the shift of the instant before: in the whole, or within what both leave open.
+    fn is_alike(&self, before_px: Vector2<f64>) -> bool {
+        let apart_px = self.mean_px - before_px;
+        let square = 0.5 * apart_px.dot(&(self.information * apart_px));
+        apart_px.norm() <= 2.0 * COMMON * before_px.norm() || square <= 2.0 * DECISIVE_LOG_ODDS
+    }
+
+    /// In standard deviations.
+    fn square(&self) -> f64 {
+        self.mean_px.dot(&(self.information * self.mean_px))
+    }
 }
 
 impl Associator {
@@ -115,27 +132,60 @@ impl Associator {
             // Balls that are seen anew in a place where they stand are no frozen image's.
             let is_frozen = self.watch.repeated.get(camera).is_some_and(Repeated::is_repeated);
             let still_since_ns = still_since_ns.filter(|_| is_frozen);
-            if !self.watch.is_beyond_usual(camera, shift.square) || !shift.is_common {
+            if !self.watch.is_beyond_usual(camera, shift.square()) || !shift.is_common {
                 continue;
             }
             let (t_ns, shift_px) = (frame.t_ns, shift.mean_px);
             match before.iter().find(|s| s.camera == camera) {
-                Some(s) if (s.shift_px - shift_px).norm() <= 2.0 * COMMON * s.shift_px.norm() => {
-                    self.watch.moved.push(MovedCamera { still_since_ns, ..*s });
+                Some(s) if shift.is_alike(s.shift_px) => {
+                    self.watch.leave_out(MovedCamera { still_since_ns, ..*s });
                 }
                 Some(_) => {}
-                None => self.watch.suspects.push(MovedCamera { camera, t_ns, shift_px, still_since_ns }),
+                None => {
+                    let other = frame.seen[others().map(|p| p.0).next().unwrap_or_default()].camera;
+                    let is_alone = others().all(|p| frame.seen[p.0].camera == other);
+                    let is_unclear = is_alone && !self.is_clearly_of(camera, other, frame, predicted);
+                    let or = is_unclear.then_some(other);
+                    self.watch.suspects.push(MovedCamera { camera, t_ns, shift_px, still_since_ns, or });
+                }
             }
         }
-        // Where all are shifted it is the aircraft that moved.
-        if self.watch.suspects.len() > 1 {
-            self.watch.suspects.clear();
+        self.weigh_suspects(frame, found);
+        self.watch.suspects.iter().any(|s| s.or.is_none())
+    }
+
+    /// Where all cameras are shifted it is the aircraft that moved, if all together see it somewhere; of two that contradict each
+    /// other one was moved.
+    fn weigh_suspects(&mut self, frame: Frame, found: &Association) {
+        if self.watch.suspects.len() < 2 {
+            return;
         }
-        !self.watch.suspects.is_empty()
+        let is_two = (0..self.cameras.len()).filter(|c| !self.watch.is_moved(*c)).count() == 2;
+        if !is_two || self.is_sound(found, frame) {
+            self.watch.suspects.clear();
+        } else if self.watch.suspects.iter().any(|s| s.or.is_none()) {
+            self.watch.suspects.retain(|s| s.or.is_none());
+        }
+    }
+
+    /// Whether it is decided that of two cameras it is the first one's view that is shifted: where the body was to be by what
+    /// both saw before, the other one sees it.
+    fn is_clearly_of(&self, camera: usize, other: usize, frame: Frame, predicted: &Belief) -> bool {
+        let square = |camera: usize| self.shift(camera, frame, predicted).map(|shift| shift.square());
+        let apart = square(camera).zip(square(other)).map(|(own, others)| own - others);
+        self.watch.agreed >= AGREED && apart.is_some_and(|apart| apart >= 2.0 * DECISIVE_LOG_ODDS)
+    }
+
+    /// Takes note of whether two cameras see the body alike.
+    pub(super) fn note_agreement(&mut self, frame: Frame, found: &Association) {
+        let own = |camera: usize| found.pairs.iter().filter(|p| frame.seen[p.0].camera == camera).count();
+        let seen = (0..self.cameras.len()).filter(|camera| own(*camera) >= 3).count();
+        let is_alike = seen >= 2 && self.is_sound(found, frame);
+        self.watch.agreed = if is_alike { self.watch.agreed.saturating_add(1) } else { 0 };
     }
 
     /// The shift of three balls or more of a camera against a belief.
-    fn shift(&self, camera: usize, frame: Frame, belief: &Belief) -> Option<Shift> {
+    pub(super) fn shift(&self, camera: usize, frame: Frame, belief: &Belief) -> Option<Shift> {
         let mut errors: Vec<Vector2<f64>> = Vec::new();
         let (mut jacobian, mut noise) = (Matrix2x6::zeros(), Matrix2::zeros());
         for (marker, color) in self.colors.iter().enumerate() {
@@ -156,7 +206,7 @@ impl Associator {
         let about_px = (errors.iter().map(|e| (e - mean_px).norm_squared()).sum::<f64>() / n).sqrt();
         let spread = (jacobian * belief.covariance * jacobian.transpose() + noise) / (n * n);
         let scale = self.noise.scale().unwrap_or(1.0);
-        let square = spread.cholesky()?.solve(&mean_px).dot(&mean_px) / scale;
-        Some(Shift { mean_px, square, is_common: about_px < COMMON * mean_px.norm() })
+        let information = spread.cholesky()?.inverse() / scale;
+        Some(Shift { mean_px, information, is_common: about_px < COMMON * mean_px.norm() })
     }
 }
