@@ -44,6 +44,8 @@ struct Camera {
     arrived_ns: i64,
     /// The latest number that has arrived.
     latest: Option<u64>,
+    /// The picture of the frame before the next.
+    shown: u64,
 }
 
 impl Camera {
@@ -83,7 +85,7 @@ impl Camera {
                 fault.begins(number);
                 if fault.is_other_way {
                     // The frame before once more, in place of this one.
-                    (shot.shows, shot.is_well) = (number.saturating_sub(1), false);
+                    (shot.shows, shot.is_well) = (self.shown, false);
                 } else {
                     let again = Shot { arrives_ns: t_ns + 5_000_000, is_well: false, ..shot };
                     self.coming.push(again);
@@ -115,7 +117,7 @@ impl Camera {
     /// A frame that comes behind those before it.
     fn in_line(&mut self, mut shot: Shot) {
         shot.arrives_ns = shot.arrives_ns.max(self.arrived_ns + APART_NS);
-        self.arrived_ns = shot.arrives_ns;
+        (self.arrived_ns, self.shown) = (shot.arrives_ns, shot.shows);
         self.coming.push(shot);
     }
 
@@ -238,6 +240,7 @@ pub(crate) fn setup(
         coming: Vec::new(),
         arrived_ns: i64::MIN / 2,
         latest: None,
+        shown: 0,
     }));
     let open = move |clock: FlightClock| {
         let mut own = locked(&camera);

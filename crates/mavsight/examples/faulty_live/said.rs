@@ -38,6 +38,8 @@ pub(crate) struct Heard {
     pub(crate) said: BTreeMap<(&'static str, String), Words>,
     /// For each fault, after how many frames anything was said.
     pub(crate) first: BTreeMap<usize, f64>,
+    /// Longest median of a second of the time that tracking took, by kind of fault, ms.
+    pub(crate) tracking_ms: BTreeMap<&'static str, f64>,
     /// What was said of a camera that had no fault.
     pub(crate) unfounded: BTreeMap<String, u64>,
     pub(crate) wrong: Vec<String>,
@@ -63,7 +65,7 @@ fn in_short(state: CameraState, reason: Option<&String>) -> Option<String> {
         CameraState::Gone => "gone",
         CameraState::Starting => "starting",
         CameraState::Dark if reason.contains("black") => "dark",
-        CameraState::Moved if reason.contains("shifted") => "moved",
+        CameraState::Moved if reason.contains("clock") => "moved, or its clock was set",
         _ => reason.split([':', ';']).next().unwrap_or("?"),
     };
     Some(words.to_owned())
@@ -76,6 +78,13 @@ impl Ear {
         let last = self.faults.partition_point(|f| f.frames.0 as f64 / RATE_HZ * 1e9 <= now_ns as f64);
         let last = last.checked_sub(1)?;
         (self.faults[last].cameras[camera] && onset(&self.faults[last]) <= now_ns).then_some(last)
+    }
+
+    fn took(&self, camera: usize, latency_ms: f64) {
+        let kind = self.fault(camera, self.clock.now_ns()).map_or("", |k| self.faults[k].kind.words());
+        let mut heard = self.heard.lock().unwrap_or_else(PoisonError::into_inner);
+        let most = heard.tracking_ms.entry(kind).or_default();
+        *most = most.max(latency_ms);
     }
 
     fn hear(&self, camera: usize, words: String) {
@@ -123,7 +132,8 @@ impl Listener for Ear {
             Event::Detections { camera, t_s, seen } if seen.iter().any(|ball| ball.marker.is_some()) => {
                 self.log.used(*camera, (t_s * 1e9).round() as i64);
             }
-            Event::Camera { camera, state, reason, .. } => {
+            Event::Camera { camera, state, reason, latency_ms, .. } => {
+                self.took(*camera, *latency_ms);
                 let words = in_short(*state, reason.as_ref());
                 if self.states[*camera] != words {
                     self.states[*camera].clone_from(&words);
@@ -132,7 +142,8 @@ impl Listener for Ear {
             }
             Event::Note { fault: true, text, .. } => {
                 let named = self.names.iter().position(|name| text.starts_with(name.as_str()));
-                let words = text.split_once(": ").map_or(text.as_str(), |t| t.1);
+                let name = named.map_or("", |k| self.names[k].as_str());
+                let words = text.strip_prefix(name).unwrap_or(text).trim_start_matches([':', ' ']);
                 // Without its figures.
                 let words: String = words.chars().filter(|c| !c.is_ascii_digit()).take(48).collect();
                 self.hear(named.unwrap_or(0), format!("\"{words}\""));
@@ -142,18 +153,21 @@ impl Listener for Ear {
     }
 }
 
-/// Whether what is said names a cause, and which kinds have another.
+/// Whether what is said names another cause than the true one.
 pub(crate) fn is_wrong(kind: Kind, words: &str) -> bool {
-    use Kind::{ClockStep, Dark, Dropped, Duplicated, Frozen, Late, Reordered, Silent, Unplugged};
+    use Kind::{Blurred, ClockStep, Dark, Dropped, Duplicated, Frozen, Hidden, Late};
+    use Kind::{Noisy, Overexposed, Reordered, Silent, Unplugged};
     let right: &[Kind] = match words {
-        "no frame" => &[Dropped, Late, Silent, Unplugged],
-        "gone" | "starting" => &[Silent, Unplugged],
+        "no frame" => &[Dropped, Late, Reordered, Silent, Unplugged],
+        // What sends nothing new for long is opened again.
+        "gone" | "starting" => &[Silent, Unplugged, Frozen],
         "dark" => &[Dark],
-        "moved" => &[],
-        _ if words.contains("went back") => &[ClockStep],
+        _ if words.contains("clock") => &[ClockStep],
         _ if words.contains("one image") => &[Frozen, Duplicated],
+        _ if words.contains("twice") => &[Duplicated],
         _ if words.contains("order") => &[Reordered],
-        _ => return false,
+        _ if words.contains("none of the balls") => &[Dark, Overexposed, Noisy, Blurred, Hidden],
+        _ => &[],
     };
     !right.contains(&kind)
 }

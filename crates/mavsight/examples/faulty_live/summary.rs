@@ -28,7 +28,7 @@ pub(crate) fn print(
     errors("clocks right", &heard.well);
     heard.wrong.iter().for_each(|wrong| println!("  beyond at {wrong}"));
     errors("while a clock is wrong", &heard.by_wrong_clock);
-    said(faults, heard);
+    said(entries, faults, heard);
     for (words, times) in &heard.unfounded {
         println!("said of a camera without a fault: {words}, {times} times");
     }
@@ -121,10 +121,10 @@ fn longest_s(entries: &[Entry]) -> f64 {
 }
 
 /// What was said of each kind of fault, and how soon.
-fn said(faults: &[Fault], heard: &Heard) {
+fn said(entries: &[Entry], faults: &[Fault], heard: &Heard) {
     println!(
-        "\n{:<17} {:>6} {:>8} {:>7} {:>9} {:>9}",
-        "fault", "times", "silent", "late", "median", "at most"
+        "\n{:<17} {:>6} {:>8} {:>7} {:>9} {:>9} {:>7} {:>7} {:>9}",
+        "fault", "times", "silent", "late", "median", "at most", "pose %", "used %", "track ms"
     );
     for kind in Kind::ALL {
         let own: Vec<usize> = (0..faults.len()).filter(|k| faults[*k].kind == kind).collect();
@@ -133,13 +133,16 @@ fn said(faults: &[Fault], heard: &Heard) {
         let late = after.iter().filter(|a| **a > SOON).count();
         let (median, most) = (after.get(after.len() / 2), after.last());
         let frames = |n: Option<&f64>| n.map_or("-".into(), |n| format!("{n:.1}"));
+        let Shares { with_pose, used } = shares(entries, faults, kind);
+        let tracking_ms = heard.tracking_ms.get(kind.words());
         println!(
-            "{:<17} {:>6} {:>8} {late:>7} {:>9} {:>9}",
+            "{:<17} {:>6} {:>8} {late:>7} {:>9} {:>9} {with_pose:>7.1} {used:>7.1} {:>9.1}",
             kind.words(),
             own.len(),
             own.len() - after.len(),
             frames(median),
-            frames(most)
+            frames(most),
+            tracking_ms.unwrap_or(&0.0)
         );
         for ((_, words), said) in heard.said.iter().filter(|s| s.0.0 == kind.words()) {
             let first = said.after.iter().copied().fold(f64::INFINITY, f64::min);
@@ -148,6 +151,28 @@ fn said(faults: &[Fault], heard: &Heard) {
         }
     }
     println!(
-        "late: said after more than {SOON} frames; median and at most: frames until something is said\n"
+        "late: said after more than {SOON} frames; median, at most: frames until something is said; pose: share of the \
+         instants with a pose;\nused: of all, those to whose pose a camera with the fault contributed; track: longest median of \
+         a second\n"
     );
+}
+
+/// Parts of the instants of a kind's faults, in percent.
+struct Shares {
+    with_pose: f64,
+    /// To whose pose a camera with the fault contributed.
+    used: f64,
+}
+
+fn shares(entries: &[Entry], faults: &[Fault], kind: Kind) -> Shares {
+    let (mut all, mut with_pose, mut used) = (0_u32, 0_u32, 0_u32);
+    for fault in faults.iter().filter(|f| f.kind == kind) {
+        for entry in entries.iter().take(fault.frames.1 as usize).skip(fault.frames.0 as usize) {
+            all += 1;
+            with_pose += u32::from(entry.has_pose());
+            used += u32::from((0..2).any(|camera| fault.cameras[camera] && entry.used(camera)));
+        }
+    }
+    let percent = |n: u32| 100.0 * f64::from(n) / f64::from(all.max(1));
+    Shares { with_pose: percent(with_pose), used: percent(used) }
 }

@@ -41,6 +41,9 @@ impl Associator {
             };
             out = rest.or_else(|| again(&out)).unwrap_or(out);
         }
+        if let Some(belief) = &predicted {
+            self.watch_returns(frame, &out, belief);
+        }
         if let Some(belief) = &predicted
             && self.watch_cameras(frame, &out, belief)
         {

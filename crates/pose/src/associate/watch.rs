@@ -23,7 +23,13 @@ struct Shift {
 }
 
 impl Associator {
-    /// Cameras that were found to be moved; they take no part from then on.
+    /// Lets a camera that was found to be moved take part again when it fits again: a clock that was set and is
+    /// right again has the same effect.
+    pub fn let_cameras_return(&mut self) {
+        self.watch.may_return = true;
+    }
+
+    /// Cameras that were found to be moved; they take no part from then on, or until they fit again.
     pub fn moved_cameras(&self) -> &[MovedCamera] {
         &self.watch.moved
     }
@@ -101,15 +107,7 @@ impl Associator {
             if self.watch.is_moved(camera) {
                 continue;
             }
-            let is_used =
-                |marker| found.sample.estimate.as_ref().map_or(true, |e| e.markers_used.contains(marker));
-            let is_other = |p: &&(usize, usize)| frame.seen[p.0].camera != camera && is_used(p.1);
-            let others = || found.pairs.iter().filter(is_other);
-            if others().count() < 3 {
-                continue;
-            }
-            let mut belief = *predicted;
-            others().for_each(|(index, marker)| self.narrow(&mut belief, &frame.seen[*index], *marker));
+            let Some(belief) = self.by_others(camera, frame, found, predicted) else { continue };
             let Some(shift) = self.shift(camera, frame, &belief) else { continue };
             let still_since_ns = self.watch.still_since_ns(camera, (frame.t_ns, frame.seen), shift.mean_px);
             // Balls that are seen anew in a place where they stand are no frozen image's.
@@ -132,6 +130,39 @@ impl Associator {
             self.watch.suspects.clear();
         }
         !self.watch.suspects.is_empty()
+    }
+
+    /// Looks whether cameras that were found to be moved fit again.
+    pub(super) fn watch_returns(&mut self, frame: Frame, found: &Association, predicted: &Belief) {
+        for camera in 0..self.cameras.len() {
+            if !self.watch.may_return || !self.watch.is_moved(camera) {
+                continue;
+            }
+            let is_frozen = self.watch.repeated.get(camera).is_some_and(Repeated::is_repeated);
+            let belief = self.by_others(camera, frame, found, predicted).filter(|_| !is_frozen);
+            let shift = belief.and_then(|belief| self.shift(camera, frame, &belief));
+            self.watch.fits(camera, shift.map(|shift| shift.square));
+        }
+    }
+
+    /// Where the other cameras see the body, where they see three balls or more of it.
+    fn by_others(
+        &self,
+        camera: usize,
+        frame: Frame,
+        found: &Association,
+        predicted: &Belief,
+    ) -> Option<Belief> {
+        let is_used =
+            |marker| found.sample.estimate.as_ref().map_or(true, |e| e.markers_used.contains(marker));
+        let is_other = |p: &&(usize, usize)| frame.seen[p.0].camera != camera && is_used(p.1);
+        let others = || found.pairs.iter().filter(is_other);
+        if others().count() < 3 {
+            return None;
+        }
+        let mut belief = *predicted;
+        others().for_each(|(index, marker)| self.narrow(&mut belief, &frame.seen[*index], *marker));
+        Some(belief)
     }
 
     /// The shift of three balls or more of a camera against a belief.
