@@ -63,6 +63,11 @@ impl Stamps {
     }
 
     fn compared(&self, t_ns: i64, interval_ns: i64) -> Backward {
+        // The interval is not known yet where another camera begins later.
+        let mut apart: Vec<i64> =
+            self.latest_ns.iter().zip(self.latest_ns.iter().skip(1)).map(|(a, b)| b - a).collect();
+        apart.sort_unstable();
+        let interval_ns = apart.get(apart.len() / 2).map_or(interval_ns, |own_ns| interval_ns.min(*own_ns));
         let after = self.latest_ns.partition_point(|known_ns| *known_ns < t_ns);
         let later_ns = self.latest_ns.get(after);
         if later_ns == Some(&t_ns) && after + 1 == self.latest_ns.len() {
