@@ -41,6 +41,8 @@ pub(crate) enum Report {
     Fault { camera: usize, text: String },
     /// A frame is not later than the one before it.
     WentBack { camera: usize, stamp_ns: i64 },
+    /// A frame shows the image before it once more.
+    Repeated { camera: usize, received_ns: i64 },
     /// The detections of a frame.
     Seen(Seen),
     /// The last report.
@@ -220,7 +222,10 @@ fn track(camera: usize, mut tracker: CameraTracker, queue: &Queue<Arrival>, shar
         let detections = match tracker.see(stamp_ns, Arc::clone(&frame)) {
             TrackedFrame::New(seen) => seen.to_vec(),
             // Nothing new: a camera that only repeats frames has stalled.
-            TrackedFrame::Copy => continue,
+            TrackedFrame::Copy => {
+                report(Report::Repeated { camera, received_ns });
+                continue;
+            }
             TrackedFrame::Backward => {
                 report(Report::WentBack { camera, stamp_ns });
                 continue;

@@ -130,7 +130,7 @@ pub(crate) fn detections<'a>(
     })
 }
 
-fn expected_px(
+pub(crate) fn expected_px(
     camera: &Camera,
     vehicle: &Vehicle,
     marker: usize,

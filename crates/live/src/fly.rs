@@ -57,7 +57,6 @@ pub fn fly(mut setup: Setup<'_>) -> Result<FlightSummary, LiveError> {
         pipeline,
         motion,
         tracking: TrackingState::default(),
-        moved: 0,
         is_fit_checked: false,
         received_ns: 0,
         latest_ns: i64::MIN,
@@ -81,8 +80,6 @@ struct Flight<'a> {
     pipeline: LivePipeline,
     motion: MotionFilter,
     tracking: TrackingState,
-    /// Cameras found to be moved that have been reported.
-    moved: usize,
     /// Whether the fit of the detections to the body has been checked.
     is_fit_checked: bool,
     /// When the latest frame was in hand.
@@ -137,7 +134,8 @@ impl Flight<'_> {
                 let name = &self.setup.rig.cameras[camera].name;
                 self.note(true, format!("{name}: {text}."));
             }
-            Report::WentBack { camera, stamp_ns } => self.report_jump_back(camera, stamp_ns),
+            Report::WentBack { camera, stamp_ns } => self.take_backward(camera, stamp_ns),
+            Report::Repeated { camera, received_ns } => self.status[camera].repeated(received_ns),
             Report::Ended { camera } => {
                 self.status[camera].ended = true;
                 self.leave_out(camera);
@@ -149,6 +147,9 @@ impl Flight<'_> {
     fn take_seen(&mut self, seen: &Seen) {
         let &Seen { camera, stamp_ns, received_ns, tracked_ns, dark, .. } = seen;
         let t_ns = self.pipeline.time_ns(camera, stamp_ns);
+        if self.setup.pace == Pace::Own && self.has_other_clock(camera, t_ns, received_ns) {
+            return;
+        }
         let status = &mut self.status[camera];
         status.arrived(t_ns, received_ns, dark);
         status.latency.add_ns(tracked_ns - received_ns);

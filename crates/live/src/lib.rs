@@ -19,6 +19,7 @@ mod queue;
 mod record;
 mod setup;
 mod source;
+mod stamps;
 mod status;
 mod tracking;
 mod worker;

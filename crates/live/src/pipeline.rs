@@ -21,7 +21,7 @@ pub struct InstantEstimate<'a> {
     pub seen: &'a [TrackedDetection],
     /// Markers of the detections, and the pose.
     pub association: Association,
-    /// Cameras found to be moved so far.
+    /// Cameras found to be moved that do not fit again.
     pub moved: &'a [MovedCamera],
 }
 
@@ -60,12 +60,14 @@ impl LivePipeline {
             let (clock, readout) = clocks.get(k).copied().unwrap_or((CameraClock::default(), Vector2::y()));
             CameraTiming { size: c.camera.size, clock, readout, interval_s: USUAL_S }
         };
+        let mut associator = FlightAssociator::new(rig, vehicle)?;
+        associator.let_cameras_return();
         Ok(Self {
             cameras: rig.cameras.iter().enumerate().map(timing).collect(),
             gone: vec![false; rig.cameras.len()],
             waiting: Vec::new(),
             synchronizer: None,
-            associator: FlightAssociator::new(rig, vehicle)?,
+            associator,
         })
     }
 

@@ -1,13 +1,18 @@
 //! The flight's knowledge of one camera.
 
 use crate::Latencies;
+use crate::stamps::{Backward, Stamps};
 use mavsight_link::CameraState;
 use std::collections::VecDeque;
 
 /// Frames over which a camera's usual lateness is the median.
 const LATENESS_FRAMES: usize = 31;
-/// Intervals without a frame after which a camera stalls.
-const STALLED_INTERVALS: f64 = 2.0;
+/// Intervals without a frame after which a camera stalls: where one is missing, the next is due after two.
+const STALLED_INTERVALS: f64 = 2.5;
+/// Instants running without a ball after which a camera is blind: one may be chance.
+const BLIND_AFTER: u32 = 2;
+/// What goes on is reported again after this time.
+const REPORT_AGAIN_NS: i64 = 10_000_000_000;
 /// Interval until it is known: that of the slowest camera that can serve an autopilot, four frames a second.
 const SLOWEST_NS: i64 = 250_000_000;
 
@@ -34,9 +39,17 @@ pub(crate) struct CameraStatus {
     /// When its source was last opened, and interrupted.
     pub(crate) opened_ns: Option<i64>,
     pub(crate) interrupted_ns: i64,
-    /// When a jump back of its stamps was last reported.
-    pub(crate) went_back_ns: Option<i64>,
+    pub(crate) stamps: Stamps,
+    /// What was last reported of its stamps, and when.
+    reported_stamps: Option<(Backward, i64)>,
     pub(crate) latest_ns: i64,
+    /// When its image last came once more, since the last new one.
+    repeated_ns: Option<i64>,
+    /// When a frame last came that was passed over for its stamp.
+    passed_over_ns: i64,
+    /// Instants running at which it saw none of the balls, and when that was last reported.
+    blind: u32,
+    blind_ns: Option<i64>,
 }
 
 impl CameraStatus {
@@ -46,6 +59,7 @@ impl CameraStatus {
             markers: vec![0; markers],
             interrupted_ns: i64::MIN,
             latest_ns: i64::MIN,
+            passed_over_ns: i64::MIN,
             ..Self::default()
         }
     }
@@ -66,6 +80,8 @@ impl CameraStatus {
 
     pub(crate) fn arrived(&mut self, t_ns: i64, received_ns: i64, is_dark: bool) {
         (self.last_frame_ns, self.is_dark, self.latest_ns) = (Some(received_ns), is_dark, t_ns);
+        self.repeated_ns = None;
+        self.stamps.push(t_ns);
         self.frames += 1;
         if self.lateness_ns.len() == LATENESS_FRAMES {
             self.lateness_ns.pop_front();
@@ -74,6 +90,52 @@ impl CameraStatus {
         let mut sorted: Vec<i64> = self.lateness_ns.iter().copied().collect();
         let middle = sorted.len() / 2;
         self.usual_ns = *sorted.select_nth_unstable(middle).1;
+    }
+
+    /// Whether a frame of about a time has come.
+    pub(crate) fn has_frame_of(&self, t_ns: i64) -> bool {
+        self.stamps.has_near(t_ns, self.interval_ns / 2)
+    }
+
+    pub(crate) fn is_dark(&self) -> bool {
+        self.is_dark
+    }
+
+    /// Its image came once more.
+    pub(crate) fn repeated(&mut self, received_ns: i64) {
+        self.repeated_ns = Some(received_ns);
+    }
+
+    /// A frame came that is passed over for its stamp.
+    pub(crate) fn passed_over(&mut self, received_ns: i64) {
+        self.passed_over_ns = received_ns;
+    }
+
+    /// Since when its source has been silent if it has stalled.
+    pub(crate) fn silent_since_ns(&self) -> Option<i64> {
+        self.stalls_at_ns().map(|at_ns| at_ns.max(self.passed_over_ns))
+    }
+
+    /// Whether something of its stamps is to be reported: not again within some time.
+    pub(crate) fn is_news(&mut self, found: Backward, now_ns: i64) -> bool {
+        let is_old = |(last, at_ns): (Backward, i64)| last == found && now_ns - at_ns < REPORT_AGAIN_NS;
+        let is_news = !self.reported_stamps.is_some_and(is_old);
+        if is_news {
+            self.reported_stamps = Some((found, now_ns));
+        }
+        is_news
+    }
+
+    /// Takes whether it saw any ball at an instant at which another camera saw the aircraft in its view.
+    /// Returns whether that it sees none is to be reported.
+    pub(crate) fn is_newly_blind(&mut self, sees: bool, now_ns: i64) -> bool {
+        self.blind = if sees { 0 } else { self.blind.saturating_add(1) };
+        let is_old = self.blind_ns.is_some_and(|at_ns| now_ns - at_ns < REPORT_AGAIN_NS);
+        let is_news = self.blind == BLIND_AFTER && !is_old;
+        if is_news {
+            self.blind_ns = Some(now_ns);
+        }
+        is_news
     }
 
     /// Time at which it has stalled if no frame comes.
@@ -98,15 +160,29 @@ impl CameraStatus {
         std::mem::replace(&mut self.reported, now) != now
     }
 
-    pub(crate) fn reason(&self, state: CameraState) -> Option<String> {
+    /// Whether its image has come once more within the time after which it stalls.
+    fn repeats(&self, now_ns: i64) -> bool {
+        let long_ns = (STALLED_INTERVALS * self.interval_ns as f64) as i64;
+        self.repeated_ns.is_some_and(|at_ns| now_ns - at_ns <= long_ns)
+    }
+
+    pub(crate) fn reason(&self, state: CameraState, now_ns: i64) -> Option<String> {
         let words = match state {
             CameraState::Running => return None,
             CameraState::Starting => {
                 "it waits for its first frame; if none comes, look at its connection and exposure".to_owned()
             }
+            CameraState::Stalled if self.stamps.has_other_clock() => {
+                "its clock was set: its frames are passed over until their time stamps fit again; to have it sooner, \
+                 start the flight again"
+                    .to_owned()
+            }
+            CameraState::Stalled if self.repeats(now_ns) => {
+                "one image comes over and over: what sends it hangs; switch it off and on".to_owned()
+            }
             CameraState::Stalled => format!(
                 "no frame for {:.0} ms and more: look at its cable and the load of this computer",
-                2e-6 * self.interval_ns as f64
+                1e-6 * STALLED_INTERVALS * self.interval_ns as f64
             ),
             CameraState::Gone => {
                 let why = self.gone.as_deref().unwrap_or("its source has ended");
@@ -114,7 +190,8 @@ impl CameraStatus {
                 format!("{why}; {then}")
             }
             CameraState::Moved => {
-                "the aircraft is shifted in its image as a whole: fix it and calibrate again to use it"
+                "the aircraft is shifted in its image as a whole: the camera was moved, or its clock was set; until it fits \
+                 again it is left out: fix it and calibrate again"
                     .to_owned()
             }
             CameraState::Dark => {
@@ -132,7 +209,7 @@ mod tests {
     const STEP: i64 = 16_666_667;
 
     #[test]
-    fn a_camera_stalls_after_two_intervals_and_comes_back() {
+    fn a_camera_stalls_when_a_second_frame_is_missing_and_comes_back() {
         let mut camera = CameraStatus::new(4);
         let change =
             |camera: &mut CameraStatus, now_ns| camera.has_changed(now_ns).then(|| camera.state(now_ns));
@@ -142,11 +219,11 @@ mod tests {
         camera.interval_ns = STEP;
         camera.arrived(0, 1000, false);
         assert_eq!(change(&mut camera, 1000), Some(CameraState::Running));
-        assert_eq!(change(&mut camera, 1000 + 2 * STEP - 10), None);
-        assert_eq!(change(&mut camera, 1000 + 2 * STEP + 10), Some(CameraState::Stalled));
+        assert_eq!(change(&mut camera, 1000 + 5 * STEP / 2 - 10), None);
+        assert_eq!(change(&mut camera, 1000 + 5 * STEP / 2 + 10), Some(CameraState::Stalled));
         camera.gone("the cable is off".into());
         assert_eq!(change(&mut camera, 1000), Some(CameraState::Gone));
-        assert!(camera.reason(CameraState::Gone).is_some_and(|r| r.contains("the cable is off")));
+        assert!(camera.reason(CameraState::Gone, 1000).is_some_and(|r| r.contains("the cable is off")));
         camera.opened(1500);
         assert_eq!(change(&mut camera, 2000), Some(CameraState::Starting));
         camera.arrived(2500, 3000, true);
@@ -154,6 +231,6 @@ mod tests {
         camera.arrived(3500, 4000, false);
         camera.is_moved = true;
         assert_eq!(change(&mut camera, 4000), Some(CameraState::Moved));
-        assert!(camera.reason(CameraState::Running).is_none());
+        assert!(camera.reason(CameraState::Running, 4000).is_none());
     }
 }

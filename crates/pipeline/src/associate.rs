@@ -154,7 +154,13 @@ impl FlightAssociator {
         self.associator.shifted_since_ns(moved, seen, poses)
     }
 
-    /// Cameras that were found to be moved; they take no part from then on.
+    /// Lets a camera that was found to be moved take part again when it fits again, as the end of a flight that
+    /// goes on cannot be waited for.
+    pub fn let_cameras_return(&mut self) {
+        self.associator.let_cameras_return();
+    }
+
+    /// Cameras that were found to be moved; they take no part from then on, or until they fit again.
     pub fn moved_cameras(&self) -> &[MovedCamera] {
         self.associator.moved_cameras()
     }

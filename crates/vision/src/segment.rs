@@ -37,10 +37,18 @@ const MOST_JOINED: usize = 8;
 /// Halvings of sensitivity after which a region that is still too large is given up.
 const LEVELS: usize = 6;
 
+/// Share of what was needed that is forgotten from frame to frame: it fades in some seconds of video.
+const FORGOTTEN: usize = 64;
+/// Of the pixels needed of late, so many times are kept in the lists, and so many more.
+const KEPT: usize = 2;
+const KEPT_BESIDE: usize = 1024;
+
 /// Working space, reused from frame to frame.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Segmenter {
     colored: Collector,
+    /// Most coloured pixels of late.
+    needed: usize,
     /// Pixels of one marker at the present level, and those of the next, by their number among the collected.
     level: Vec<u32>,
     next: Vec<u32>,
@@ -89,6 +97,21 @@ impl Segmenter {
     /// Collects the coloured pixels of a window.
     pub(crate) fn collect(&mut self, frame: &Frame, window: &Window) {
         self.colored.collect(frame, window);
+    }
+
+    /// Gives back memory that one picture has needed and others do not: one of noise is coloured all over. For once a
+    /// frame, when nobody waits.
+    pub(crate) fn give_back(&mut self) {
+        self.needed = self.colored.found.len().max(self.needed - self.needed / FORGOTTEN);
+        let kept = KEPT * self.needed + KEPT_BESIDE;
+        shrink(&mut self.colored.found, kept);
+        shrink(&mut self.level, kept);
+        shrink(&mut self.next, kept);
+        shrink(&mut self.runs, kept);
+        shrink(&mut self.region, kept);
+        shrink(&mut self.sums, kept);
+        shrink(&mut self.strongest, kept);
+        shrink(&mut self.regions_found, kept);
     }
 
     /// Finds the regions of one marker among the collected pixels whose area lies in `area_px`, into
@@ -244,6 +267,14 @@ impl Segmenter {
     }
 }
 
+/// Empties and shrinks a list that has grown to more than twice what is kept.
+fn shrink<T>(list: &mut Vec<T>, kept: usize) {
+    if list.capacity() > 2 * kept {
+        list.clear();
+        list.shrink_to(kept);
+    }
+}
+
 impl Sums {
     /// Those of two regions together.
     fn with(&self, other: &Self) -> Self {
@@ -344,6 +375,29 @@ mod tests {
         }
         segmenter.regions(&model, 0, (8.0, 70.0));
         segmenter.regions_found.iter().map(|b| b.pixel).collect()
+    }
+
+    #[test]
+    fn what_one_picture_of_noise_needs_is_given_back() {
+        let size = crate::ImageSize { width_px: 320, height_px: 240 };
+        let frame = |rgb: [u8; 3]| Frame::from_rgb(size, rgb.repeat(size.area_px())).expect("a frame");
+        let (colored, grey) = (frame([200, 30, 30]), frame([90; 3]));
+        let red = crate::BallColor { name: "red".into(), rgb: [200, 30, 30] };
+        let model = ColorModel::new(&[red]).expect("a colour");
+        let mut segmenter = Segmenter::default();
+        let mut look = |frame: &Frame| {
+            segmenter.collect(frame, &Window::whole(frame));
+            segmenter.regions(&model, 0, (8.0, 70.0));
+            segmenter.give_back();
+            let pixels = segmenter.level.capacity() + segmenter.next.capacity();
+            segmenter.colored.found.capacity() + pixels + segmenter.region.capacity()
+        };
+        let most = look(&colored);
+        assert!(most >= 3 * size.area_px(), "{most}");
+        // What a camera sees again and again is not asked for anew.
+        assert!((0..5).all(|_| look(&grey) == most));
+        let least = (0..1000).map(|_| look(&grey)).last().unwrap_or(most);
+        assert!(least < most / 10, "{least} of {most}");
     }
 
     fn is_in_disc(pixel: Vector2<f64>, middle: [f64; 2], radius_px: f64) -> bool {

@@ -267,6 +267,7 @@ impl Tracker {
         if self.frames % health::EVERY == 1 {
             self.look_at_health(frame);
         }
+        self.workspace.segmenter.give_back();
     }
 
     fn look_at_health(&mut self, frame: &Frame) {

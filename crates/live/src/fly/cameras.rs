@@ -2,6 +2,7 @@
 
 use super::{CHECK, Flight};
 use crate::setup::Pace;
+use crate::stamps::Backward;
 use mavsight_link::CameraState;
 use std::time::Duration;
 
@@ -12,7 +13,6 @@ const HANGS_NS: i64 = 3_000_000_000;
 const NEVER_STARTS_NS: i64 = 15_000_000_000;
 /// Cameras without a frame this long after the first ones are not waited for.
 const BEGIN_NS: i64 = 2_000_000_000;
-const REPORT_BACK_NS: i64 = 10_000_000_000;
 /// Intervals by which others are ahead of a camera that has ended when this is reported.
 const ENDED_INTERVALS: i64 = 2;
 
@@ -59,7 +59,7 @@ impl Flight<'_> {
             }
             let state = status.state(now_ns);
             let silent = match state {
-                CameraState::Stalled => status.stalls_at_ns().map(|at_ns| (at_ns, HANGS_NS)),
+                CameraState::Stalled => status.silent_since_ns().map(|at_ns| (at_ns, HANGS_NS)),
                 CameraState::Starting => status.opened_ns.map(|at_ns| (at_ns, NEVER_STARTS_NS)),
                 _ => None,
             };
@@ -93,22 +93,43 @@ impl Flight<'_> {
         }
     }
 
-    /// Reports, at most every ten seconds, a camera whose stamps went back.
-    pub(super) fn report_jump_back(&mut self, camera: usize, stamp_ns: i64) {
-        let (now_ns, status) = (self.now_ns(), &mut self.status[camera]);
-        if status.went_back_ns.is_some_and(|reported_ns| now_ns - reported_ns < REPORT_BACK_NS) {
-            return;
+    /// Takes a frame that is not later than the one before it: it is passed over, and the reason reported.
+    pub(super) fn take_backward(&mut self, camera: usize, stamp_ns: i64) {
+        let (now_ns, t_ns) = (self.now_ns(), self.pipeline.time_ns(camera, stamp_ns));
+        let status = &mut self.status[camera];
+        let found = status.stamps.why_backward(t_ns, status.interval_ns);
+        let is_news = status.is_news(found, now_ns);
+        let back_s = (status.latest_ns - t_ns) as f64 * 1e-9;
+        if found == Backward::ClockSet {
+            status.passed_over(now_ns);
+            if self.setup.pace == Pace::Own {
+                status.stamps.clock_was_set(status.usual_ns);
+                self.leave_out(camera);
+            }
         }
-        status.went_back_ns = Some(now_ns);
-        let back_s = (status.latest_ns - self.pipeline.time_ns(camera, stamp_ns)) as f64 * 1e-9;
-        let name = &self.setup.rig.cameras[camera].name;
-        self.note(
-            true,
-            format!(
-                "{name}: its time stamps went back by {back_s:.3} s: was a clock set? Its frames are skipped until they are \
-                 later again; to have it sooner, start the flight again."
-            ),
-        );
+        if is_news {
+            self.note(true, backward_words(&self.setup.rig.cameras[camera].name, found, back_s));
+        }
+    }
+
+    /// Whether the clock of a camera was set and is not right again; its frames have no known time then.
+    pub(super) fn has_other_clock(&mut self, camera: usize, t_ns: i64, received_ns: i64) -> bool {
+        let status = &mut self.status[camera];
+        let was_off = status.stamps.has_other_clock();
+        if !status.stamps.is_off(received_ns - t_ns, status.usual_ns, status.interval_ns) {
+            return false;
+        }
+        status.passed_over(received_ns);
+        if !was_off {
+            let ahead_s = (t_ns - received_ns) as f64 * 1e-9;
+            let name = &self.setup.rig.cameras[camera].name;
+            let text = format!(
+                "{name}: its time stamps went ahead of this computer's clock by {ahead_s:.3} s: was a clock set? {PASSED_OVER}"
+            );
+            self.note(true, text);
+        }
+        self.leave_out(camera);
+        true
     }
 
     /// Goes on without cameras that are too late for the instant that waits for them.
@@ -121,6 +142,24 @@ impl Flight<'_> {
         self.summary.not_waited += 1;
         for camera in late {
             self.pipeline.go_without(camera, t_ns);
+        }
+    }
+}
+
+const PASSED_OVER: &str = "Its frames are passed over until their time stamps fit again; to have it sooner, start the flight again.";
+
+/// What frames that are not later than those before them show, and what to do.
+fn backward_words(name: &str, found: Backward, back_s: f64) -> String {
+    match found {
+        Backward::Twice => format!(
+            "{name}: frames come twice, with one time stamp: the second of each is passed over. Look at what sends them."
+        ),
+        Backward::Overtaken => format!(
+            "{name}: frames come out of order: one came {back_s:.3} s after its turn and is passed over. Take a connection \
+             that keeps their order, such as TCP."
+        ),
+        Backward::ClockSet => {
+            format!("{name}: its time stamps went back by {back_s:.3} s: was a clock set? {PASSED_OVER}")
         }
     }
 }

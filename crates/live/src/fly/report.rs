@@ -2,8 +2,9 @@
 
 use super::Flight;
 use crate::parameters::Parameters;
-use crate::setup::Pace;
-use crate::{Latencies, events};
+use crate::setup::{Pace, Setup};
+use crate::status::CameraStatus;
+use crate::{InstantEstimate, Latencies, events};
 use mavsight_link::{Event, Fix, Tracking};
 
 const REPORT_NS: i64 = 1_000_000_000;
@@ -13,11 +14,12 @@ impl Flight<'_> {
         let recorder = self.setup.recorder.current();
         while let Some(instant) = self.pipeline.next_instant() {
             let sample = &instant.association.sample;
-            for moved in &instant.moved[self.moved..] {
-                self.status[moved.camera].is_moved = true;
-                self.tracking.cut();
+            for (camera, status) in self.status.iter_mut().enumerate() {
+                let is_moved = instant.moved.iter().any(|m| m.camera == camera);
+                if std::mem::replace(&mut status.is_moved, is_moved) != is_moved {
+                    self.tracking.cut();
+                }
             }
-            self.moved = instant.moved.len();
             let motion = self.motion.push(sample);
             let was_acquiring = self.tracking.state == Tracking::Acquiring;
             let tracking = self.tracking.saw(instant.t_ns, sample.estimate.is_ok());
@@ -49,6 +51,15 @@ impl Flight<'_> {
                 recorder.sent(&pose);
             }
             self.setup.listeners.event(pose);
+            for camera in newly_blind(&instant, &self.setup, &mut self.status) {
+                let name = &self.setup.rig.cameras[camera].name;
+                let text = format!(
+                    "{name} sees none of the balls where another camera sees the aircraft: look at its focus and exposure, \
+                     and at what is before it."
+                );
+                let t_s = self.setup.clock.now_ns() as f64 * 1e-9;
+                self.setup.listeners.event(Event::Note { t_s, fault: true, text });
+            }
             let detections = events::detections(&instant, self.setup.rig, self.setup.vehicle);
             detections.for_each(|e| self.setup.listeners.event(e));
         }
@@ -102,7 +113,7 @@ impl Flight<'_> {
             latency_ms: status.latency.quantile_ms(0.5),
             dropped: self.cameras[camera].dropped(),
             markers: status.markers.iter().map(share).collect(),
-            reason: status.reason(state),
+            reason: status.reason(state, now_ns),
         };
         if let Some(recorder) = self.setup.recorder.current() {
             recorder.sent(&event);
@@ -114,4 +125,25 @@ impl Flight<'_> {
         let t_s = self.now_ns() as f64 * 1e-9;
         self.setup.listeners.event(Event::Note { t_s, fault, text });
     }
+}
+
+/// Cameras that, though their frames came, have just missed all balls at instants running at which another camera
+/// saw the aircraft in their view.
+fn newly_blind(instant: &InstantEstimate<'_>, setup: &Setup<'_>, status: &mut [CameraStatus]) -> Vec<usize> {
+    let Ok(estimate) = &instant.association.sample.estimate else { return Vec::new() };
+    let is_in_view = |camera: usize| {
+        let own = &setup.rig.cameras[camera].camera;
+        let sees = |marker| {
+            let at = events::expected_px(own, setup.vehicle, marker, &estimate.world_from_body);
+            at.is_some_and(|px| own.size.contains(&px, 0.0))
+        };
+        (0..setup.vehicle.marker.len()).all(sees)
+    };
+    let found = |camera: usize| instant.association.pairs.iter().any(|p| instant.seen[p.0].camera == camera);
+    let is_blind = |(camera, status): (usize, &mut CameraStatus)| {
+        let has_come = status.has_frame_of(instant.t_ns) && !status.is_left_out && !status.is_moved;
+        let sees = found(camera) || !has_come || status.is_dark() || !is_in_view(camera);
+        status.is_newly_blind(sees, instant.t_ns).then_some(camera)
+    };
+    status.iter_mut().enumerate().filter_map(is_blind).collect()
 }

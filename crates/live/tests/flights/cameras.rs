@@ -3,7 +3,7 @@
 use crate::common::{Scripted, camera, film, picture, pose, rig, setup};
 use mavsight_flight::Vehicle;
 use mavsight_geometry::ImageSize;
-use mavsight_link::{CameraState, Event, Tracking};
+use mavsight_link::{CameraState, Event, Measured, Tracking};
 use mavsight_live::{CameraSetup, FlightClock, Next, Pace, Source, fly};
 use mavsight_pose::Rig;
 use mavsight_vision::Frame;
@@ -12,15 +12,19 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 /// Slow enough for a loaded computer to keep up.
 const RATE_HZ: f64 = 10.0;
-const STEP_NS: i64 = 100_000_000;
+pub(crate) const STEP_NS: i64 = 100_000_000;
 
 /// What happens to a camera at a frame.
 #[derive(Clone, Copy, PartialEq)]
-enum Fate {
+pub(crate) enum Fate {
     Films,
     Empty,
     Silent,
     Ends,
+    /// Shows the picture of another frame.
+    Shows(u32),
+    /// Has a stamp that is off, ns.
+    Off(i64),
 }
 
 /// A camera that films in real time what `fate` says of each frame's number.
@@ -36,13 +40,17 @@ fn scripted(rig: &Rig, k: usize, clock: FlightClock, frames: u32, fate: fn(u32) 
                     return Next::Over;
                 }
                 let t_ns = i64::from(frame) * STEP_NS;
-                let at = pose(f64::from(frame) / RATE_HZ);
-                let picture = picture(&view, (fate(frame) != Fate::Empty).then_some(&at), frame as usize);
+                let shown = if let Fate::Shows(other) = fate(frame) { other } else { frame };
+                let at = pose(f64::from(shown) / RATE_HZ);
+                let picture = picture(&view, (fate(frame) != Fate::Empty).then_some(&at), shown as usize);
                 std::thread::sleep(clock.until(t_ns));
                 match fate(frame) {
                     Fate::Silent => {}
                     Fate::Ends => return Next::End("the cable is off".into()),
-                    Fate::Films | Fate::Empty => return Next::Frame(t_ns, Arc::new(picture)),
+                    Fate::Films | Fate::Empty | Fate::Shows(_) => {
+                        return Next::Frame(t_ns, Arc::new(picture));
+                    }
+                    Fate::Off(by_ns) => return Next::Frame(t_ns + by_ns, Arc::new(picture)),
                 }
             }
         };
@@ -51,15 +59,19 @@ fn scripted(rig: &Rig, k: usize, clock: FlightClock, frames: u32, fate: fn(u32) 
     camera(&rig.cameras[k].name, Box::new(open), true)
 }
 
-struct Observed {
+pub(crate) struct Observed {
     /// Time of each change of state, camera, state and reason.
-    states: Vec<(f64, usize, CameraState, Option<String>)>,
+    pub(crate) states: Vec<(f64, usize, CameraState, Option<String>)>,
     /// Time, validity, tracking and reset count of each instant.
-    instants: Vec<(f64, bool, Tracking, u8)>,
+    pub(crate) instants: Vec<(f64, bool, Tracking, u8)>,
+    /// Poses with their times.
+    pub(crate) poses: Vec<(f64, Measured)>,
+    /// Time and text of each note of a fault.
+    pub(crate) notes: Vec<(f64, String)>,
 }
 
 /// Flies for a number of frames, with a fate of each frame of each camera.
-fn flown(frames: u32, fates: [fn(u32) -> Fate; 2]) -> Observed {
+pub(crate) fn flown(frames: u32, fates: [fn(u32) -> Fate; 2]) -> Observed {
     flown_after(200_000_000, frames, fates)
 }
 
@@ -72,7 +84,7 @@ fn flown_after(wait_ns: i64, frames: u32, fates: [fn(u32) -> Fate; 2]) -> Observ
     flight.for_ns = Some(i64::from(frames) * STEP_NS + 200_000_000 + wait_ns);
     fly(flight).expect("as staged");
     let (events, fixes) = (heard.events.lock().expect("as staged"), heard.fixes.lock().expect("as staged"));
-    let mut out = Observed { states: Vec::new(), instants: Vec::new() };
+    let mut out = Observed { states: Vec::new(), instants: Vec::new(), poses: Vec::new(), notes: Vec::new() };
     let mut now_s = 0.0;
     for event in events.iter() {
         match event {
@@ -82,12 +94,14 @@ fn flown_after(wait_ns: i64, frames: u32, fates: [fn(u32) -> Fate; 2]) -> Observ
                 let fix = &fixes[p.sequence as usize];
                 assert_eq!(fix.measured.is_some(), p.valid);
                 out.instants.push((p.t_s, p.valid, p.tracking, fix.resets));
+                out.poses.extend(fix.measured.clone().map(|measured| (p.t_s, measured)));
             }
             Event::Camera { camera, state, reason, .. }
                 if out.states.iter().rev().find(|s| s.1 == *camera).is_none_or(|s| s.2 != *state) =>
             {
                 out.states.push((now_s, *camera, *state, reason.clone()));
             }
+            Event::Note { t_s, fault: true, text } => out.notes.push((*t_s, text.clone())),
             _ => {}
         }
     }
@@ -165,7 +179,7 @@ fn a_recording_that_ends_early_is_reported_at_any_pace() {
 }
 
 /// The fault notes of a flight at `Pace::Fast` with given frames and end of the second camera.
-fn noted(frames: Vec<(i64, Frame)>, end: Option<&'static str>) -> Vec<String> {
+pub(crate) fn noted(frames: Vec<(i64, Frame)>, end: Option<&'static str>) -> Vec<String> {
     let (rig, vehicle) = (rig(), Vehicle::paper());
     let first = film(&rig, 20, 30.0).swap_remove(0);
     let cameras = [(first, None), (frames, end)].into_iter().enumerate().map(|(k, (frames, end))| {

@@ -3,6 +3,7 @@
 mod batch;
 mod cameras;
 mod common;
+mod faults;
 mod paper_flight;
 mod power;
 mod recording;

@@ -30,6 +30,7 @@ impl Associator {
     pub fn associate(&mut self, t_ns: i64, candidates: &[TrackedDetection]) -> Association {
         let frame = Frame { t_ns, seen: candidates };
         self.watch_stillness(frame);
+        self.watch_reconciliation(frame);
         let predicted = self.history.predicted(t_ns, self.size_m);
         let in_use = |k: usize| self.is_in_use(&candidates[k]);
         let mut out = self.associated_by(frame, predicted.as_ref(), in_use);
@@ -40,6 +41,9 @@ impl Associator {
                 lost.then(|| self.associated_by(frame, None, in_use)).filter(|a| a.sample.estimate.is_ok())
             };
             out = rest.or_else(|| again(&out)).unwrap_or(out);
+        }
+        if let Some(belief) = &predicted {
+            self.watch_returns(frame, &out, belief);
         }
         if let Some(belief) = &predicted
             && self.watch_cameras(frame, &out, belief)

@@ -203,9 +203,26 @@ impl Still {
     }
 }
 
+/// Instants after which a camera that was found to be moved, and fits again, is used again: their mean square is
+/// known to a fifth then.
+pub(super) const FITTING_INSTANTS: u32 = 30;
+/// Ratio of that mean square to the usual one up to which the camera fits: by chance it is more once in 140 times,
+/// and where a shift of one standard deviation is left, half the times.
+const FITTING: f64 = 1.5;
+
+/// How a camera that was found to be moved has fitted since it last did not.
+#[derive(Debug, Clone, Copy, Default)]
+struct Fitting {
+    instants: u32,
+    squares: f64,
+}
+
 /// What is known of the cameras' standing still.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Watch {
+    /// Whether a camera that was found to be moved is used again when it fits again.
+    pub(super) may_return: bool,
+    fitting: Vec<Fitting>,
     pub(super) suspects: Vec<MovedCamera>,
     pub(super) moved: Vec<MovedCamera>,
     /// For each camera the mean square shift of its view of the body while it stands, in standard deviations:
@@ -256,14 +273,44 @@ impl Watch {
 
     /// Whether a shift is beyond what is usual of a camera; what is not becomes part of that.
     pub(super) fn is_beyond_usual(&mut self, camera: usize, square: f64) -> bool {
-        if self.usual.len() <= camera {
-            self.usual.resize(camera + 1, 2.0);
-        }
-        let usual = &mut self.usual[camera];
-        let is_beyond = square > SHIFTED * SHIFTED * (0.5 * *usual).max(1.0);
+        let usual = self.usual(camera);
+        let is_beyond = is_beyond(square, *usual);
         if !is_beyond {
             *usual += (square - *usual) / USUAL;
         }
         is_beyond
     }
+
+    fn usual(&mut self, camera: usize) -> &mut f64 {
+        if self.usual.len() <= camera {
+            self.usual.resize(camera + 1, 2.0);
+        }
+        &mut self.usual[camera]
+    }
+
+    /// Takes the shift of a camera that was found to be moved, none where its image stands or does not show
+    /// enough; it is used again when it has long been what it was before.
+    pub(super) fn fits(&mut self, camera: usize, square: Option<f64>) {
+        let usual = *self.usual(camera);
+        if self.fitting.len() <= camera {
+            self.fitting.resize(camera + 1, Fitting::default());
+        }
+        let fitting = &mut self.fitting[camera];
+        let Some(square) = square.filter(|square| !is_beyond(*square, usual)) else {
+            *fitting = Fitting::default();
+            return;
+        };
+        (fitting.instants, fitting.squares) = (fitting.instants + 1, fitting.squares + square);
+        if fitting.instants < FITTING_INSTANTS {
+            return;
+        }
+        if fitting.squares <= FITTING * usual.max(2.0) * f64::from(fitting.instants) {
+            self.moved.retain(|m| m.camera != camera);
+        }
+        *fitting = Fitting::default();
+    }
+}
+
+fn is_beyond(square: f64, usual: f64) -> bool {
+    square > SHIFTED * SHIFTED * (0.5 * usual).max(1.0)
 }

@@ -122,7 +122,8 @@ impl Associator {
         let cameras = self.cameras.len();
         self.watch.repeated.resize(cameras, Repeated::default());
         for camera in 0..cameras {
-            if self.watch.is_moved(camera) || !frame.seen.iter().any(|s| s.camera == camera) {
+            let is_moved = self.watch.is_moved(camera);
+            if is_moved && !self.watch.may_return || !frame.seen.iter().any(|s| s.camera == camera) {
                 continue;
             }
             let own = &mut self.watch.repeated[camera];
@@ -134,7 +135,7 @@ impl Associator {
                     continue;
                 }
             }
-            if own.images < STILL_IMAGES {
+            if is_moved || own.images < STILL_IMAGES {
                 continue;
             }
             for other in (0..cameras).filter(|c| *c != camera) {

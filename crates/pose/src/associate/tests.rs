@@ -238,6 +238,27 @@ fn of_two_cameras_that_were_hidden_from_when_one_was_pushed_neither_is_believed(
     }
 }
 
+/// A room whose two cameras had contradicted each other once gave no pose to the end of the session.
+#[test]
+fn two_cameras_of_which_neither_was_believed_are_used_again_when_they_agree() {
+    let colors = [0, 1, 2, 3];
+    let mut associator = associator(&PAPER, &colors).unwrap();
+    associator.let_cameras_return();
+    let mut random = Random::new(31, 0);
+    for k in 0..130 {
+        let mut frame = seen(&PAPER, &colors, &hovering_at(k), &mut random);
+        frame.retain(|_| !(50..60).contains(&k));
+        for (_, candidate) in frame.iter_mut().filter(|(_, c)| c.camera == 1 && (55..80).contains(&k)) {
+            candidate.pixel += Vector2::new(2.4, -1.8);
+        }
+        let candidates: Vec<TrackedDetection> = frame.iter().map(|f| f.1).collect();
+        let found = associator.associate(k * FRAME_NS, &candidates);
+        assert!(found.sample.estimate.is_err() || !(65..80).contains(&k), "frame {k}");
+        assert!(found.sample.estimate.is_ok() || k < 112, "frame {k}: {:?}", found.sample.estimate);
+    }
+    assert!(associator.moved_cameras().is_empty());
+}
+
 /// While two balls alone were seen of a camera that was pushed nothing showed it, and the poses by it were kept.
 #[test]
 fn a_push_is_dated_to_when_it_may_have_been() {
@@ -359,4 +380,34 @@ fn a_camera_that_goes_black_leaves_the_other() {
         assert!(found.sample.estimate.is_ok(), "frame {k}: {:?}", found.sample.estimate);
     }
     assert!(associator.moved_cameras().is_empty());
+}
+
+/// A clock that is set and set right again shifts the view of its camera for a while; a camera that was pushed does
+/// not come back by itself.
+#[test]
+fn a_camera_that_fits_again_is_used_again_where_that_is_wanted_and_one_that_does_not_is_not() {
+    let colors = [0, 1, 2, 3];
+    for (until, returns) in [(70, true), (70, false), (i64::MAX, true)] {
+        let mut associator = associator(&PAPER, &colors).unwrap();
+        if returns {
+            associator.let_cameras_return();
+        }
+        let mut random = Random::new(5, 0);
+        let mut last = Vec::new();
+        for k in 0..150 {
+            let mut frame = seen(&PAPER, &colors, &hovering_at(k), &mut random);
+            let is_off = (40..until).contains(&k);
+            let shifted = frame.iter_mut().filter(|f| is_off && f.1.camera == 1);
+            shifted.for_each(|f| f.1.pixel += Vector2::new(4.0, -3.0));
+            let candidates: Vec<TrackedDetection> = frame.iter().map(|f| f.1).collect();
+            let found = associator.associate(k * FRAME_NS, &candidates);
+            assert!(found.sample.estimate.is_ok(), "frame {k}: {:?}", found.sample.estimate);
+            let is_out = associator.moved_cameras().iter().any(|m| m.camera == 1);
+            assert!(is_out || !(45..until).contains(&k), "frame {k}");
+            assert!(!is_out || k > 40, "frame {k}");
+            last = found.pairs.iter().map(|p| frame[p.0].1.camera).collect();
+        }
+        let is_back = returns && until == 70;
+        assert_eq!((associator.moved_cameras().is_empty(), last.contains(&1)), (is_back, is_back));
+    }
 }

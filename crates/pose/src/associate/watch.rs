@@ -2,7 +2,7 @@
 
 use super::associator::{Association, Associator, DECISIVE_LOG_ODDS};
 use super::frame::Frame;
-use super::history::{Belief, LEAST_DEGREES, MovedCamera};
+use super::history::{Belief, FITTING_INSTANTS, LEAST_DEGREES, MovedCamera};
 use super::stillness::Repeated;
 use crate::TrackedDetection;
 use mavsight_geometry::{Matrix2, Vector2};
@@ -40,7 +40,13 @@ impl Shift {
 }
 
 impl Associator {
-    /// Cameras that were found to be moved; they take no part from then on.
+    /// Lets a camera that was found to be moved take part again when it fits again: a clock that was set and is
+    /// right again has the same effect.
+    pub fn let_cameras_return(&mut self) {
+        self.watch.may_return = true;
+    }
+
+    /// Cameras that were found to be moved; they take no part from then on, or until they fit again.
     pub fn moved_cameras(&self) -> &[MovedCamera] {
         &self.watch.moved
     }
@@ -118,15 +124,7 @@ impl Associator {
             if self.watch.is_moved(camera) {
                 continue;
             }
-            let is_used =
-                |marker| found.sample.estimate.as_ref().map_or(true, |e| e.markers_used.contains(marker));
-            let is_other = |p: &&(usize, usize)| frame.seen[p.0].camera != camera && is_used(p.1);
-            let others = || found.pairs.iter().filter(is_other);
-            if others().count() < 3 {
-                continue;
-            }
-            let mut belief = *predicted;
-            others().for_each(|(index, marker)| self.narrow(&mut belief, &frame.seen[*index], *marker));
+            let Some(belief) = self.by_others(camera, frame, found, predicted) else { continue };
             let Some(shift) = self.shift(camera, frame, &belief) else { continue };
             let still_since_ns = self.watch.still_since_ns(camera, (frame.t_ns, frame.seen), shift.mean_px);
             // Balls that are seen anew in a place where they stand are no frozen image's.
@@ -142,16 +140,21 @@ impl Associator {
                 }
                 Some(_) => {}
                 None => {
-                    let other = frame.seen[others().map(|p| p.0).next().unwrap_or_default()].camera;
-                    let is_alone = others().all(|p| frame.seen[p.0].camera == other);
-                    let is_unclear = is_alone && !self.is_clearly_of(camera, other, frame, predicted);
-                    let or = is_unclear.then_some(other);
+                    let or = self.only_other(camera, frame, found);
+                    let or = or.filter(|other| !self.is_clearly_of(camera, *other, frame, predicted));
                     self.watch.suspects.push(MovedCamera { camera, t_ns, shift_px, still_since_ns, or });
                 }
             }
         }
         self.weigh_suspects(frame, found);
         self.watch.suspects.iter().any(|s| s.or.is_none())
+    }
+
+    /// The camera that alone sees the body beside another one.
+    fn only_other(&self, camera: usize, frame: Frame, found: &Association) -> Option<usize> {
+        let mut cameras = of_others(camera, frame, found).map(|p| frame.seen[p.0].camera);
+        let first = cameras.next()?;
+        cameras.all(|other| other == first).then_some(first)
     }
 
     /// Where all cameras are shifted it is the aircraft that moved, if all together see it somewhere; of two that contradict each
@@ -184,6 +187,48 @@ impl Associator {
         self.watch.agreed = if is_alike { self.watch.agreed.saturating_add(1) } else { 0 };
     }
 
+    /// Looks whether cameras that were found to be moved fit again.
+    pub(super) fn watch_returns(&mut self, frame: Frame, found: &Association, predicted: &Belief) {
+        for camera in 0..self.cameras.len() {
+            if !self.watch.may_return || !self.watch.is_moved(camera) {
+                continue;
+            }
+            let is_frozen = self.watch.repeated.get(camera).is_some_and(Repeated::is_repeated);
+            let belief = self.by_others(camera, frame, found, predicted).filter(|_| !is_frozen);
+            let shift = belief.and_then(|belief| self.shift(camera, frame, &belief));
+            self.watch.fits(camera, shift.map(|shift| shift.square()));
+        }
+    }
+
+    /// Looks whether two cameras that contradicted each other, neither of which was believed, see the body alike again.
+    pub(super) fn watch_reconciliation(&mut self, frame: Frame) {
+        if !self.watch.may_return || self.watch.moved.iter().all(|m| m.or.is_none()) {
+            return;
+        }
+        let together = self.associated_by(frame, None, |_| true);
+        self.note_agreement(frame, &together);
+        if self.watch.agreed >= FITTING_INSTANTS as usize {
+            self.watch.moved.retain(|m| m.or.is_none());
+        }
+    }
+
+    /// Where the other cameras see the body, where they see three balls or more of it.
+    fn by_others(
+        &self,
+        camera: usize,
+        frame: Frame,
+        found: &Association,
+        predicted: &Belief,
+    ) -> Option<Belief> {
+        if of_others(camera, frame, found).count() < 3 {
+            return None;
+        }
+        let mut belief = *predicted;
+        of_others(camera, frame, found)
+            .for_each(|(index, marker)| self.narrow(&mut belief, &frame.seen[*index], *marker));
+        Some(belief)
+    }
+
     /// The shift of three balls or more of a camera against a belief.
     pub(super) fn shift(&self, camera: usize, frame: Frame, belief: &Belief) -> Option<Shift> {
         let mut errors: Vec<Vector2<f64>> = Vec::new();
@@ -209,4 +254,14 @@ impl Associator {
         let information = spread.cholesky()?.inverse() / scale;
         Some(Shift { mean_px, information, is_common: about_px < COMMON * mean_px.norm() })
     }
+}
+
+/// What the other cameras see of the body, of the markers that were used.
+fn of_others<'a>(
+    camera: usize,
+    frame: Frame<'a>,
+    found: &'a Association,
+) -> impl Iterator<Item = &'a (usize, usize)> {
+    let is_used = |marker| found.sample.estimate.as_ref().map_or(true, |e| e.markers_used.contains(marker));
+    found.pairs.iter().filter(move |p| frame.seen[p.0].camera != camera && is_used(p.1))
 }
