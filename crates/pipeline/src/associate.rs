@@ -109,7 +109,9 @@ impl FlightAssociator {
     pub fn associate(&mut self, t_ns: i64, seen: &[TrackedDetection]) -> Association {
         let found = self.associator.associate(t_ns, seen);
         let moved = self.associator.moved_cameras();
-        self.sample.take(seen, &self.colors, &found, |camera| moved.iter().any(|m| m.camera == camera));
+        // Of two that contradict each other the cause is open: it may be a wrong frame rate of one of them.
+        let is_out = |camera: usize| moved.iter().any(|m| m.camera == camera && m.or.is_none());
+        self.sample.take(seen, &self.colors, &found, is_out);
         let markers = self.associator.estimator().markers();
         self.moving.take(&self.cameras, markers, &self.colors, seen, &found);
         found

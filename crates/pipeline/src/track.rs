@@ -335,6 +335,16 @@ mod tests {
         }
     }
 
+    /// A video whose time stamps have another rate than its camera was said to be of a camera that was moved, as was the other.
+    #[test]
+    fn a_wrong_frame_rate_of_one_of_two_cameras_is_no_camera_that_was_moved() {
+        let quick = stream(1, late(0.0, 30.0 / 25.0 - 1.0), 30.0, 0..100);
+        let tracked = flown(vec![stream(0, late(0.0, 0.0), 30.0, 0..300), quick]);
+        let causes: Vec<_> = tracked.findings.iter().flat_map(|f| &f.causes).collect();
+        assert!(causes.contains(&&crate::Cause::FrameRate), "{:?}", tracked.findings);
+        assert!(!causes.contains(&&crate::Cause::CameraMoved), "{:?}", tracked.findings);
+    }
+
     /// Balls of a frozen image that were not found for a while made it another one, and what it had shown before was believed.
     #[test]
     fn a_frozen_image_of_which_some_balls_are_not_found_is_dated_to_its_first_frame() {
