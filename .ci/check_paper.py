@@ -1,4 +1,4 @@
-"""The figures of paper-flight: the bars of what a run on it must show."""
+"""The figures of paper-flight: the bars of what a run on it must show. Takes the results, and the recording's folder."""
 import csv
 import json
 import math
@@ -22,14 +22,10 @@ held = {
     f"C_m R2 {fit['C_m_r2']:.3f}": fit["C_m_r2"] >= 0.9,
 }
 
-# By the README of the recording; the inputs have the clock of the films. Four standard deviations: one time in ten thousand.
-constants = {
-    ("C_X", "alpha_u"): -0.01436,
-    ("C_X", "alpha_l"): -0.00996,
-    ("C_m", "alpha_u"): 0.011488,
-    ("C_m", "alpha_l"): 0.0047808,
-    ("", "input_lag_s"): 0.0,
-}
+# The inputs have the clock of the films. Four standard deviations: one time in ten thousand.
+truth_parameters = json.loads((pathlib.Path(sys.argv[2]) / "truth_parameters.json").read_text())["constant_speed_truth"]
+constants = {(c, f"alpha_{disc}"): truth_parameters[f"{c.replace('_', '')}_alpha_{disc}"] for c in ["C_X", "C_m"] for disc in "ul"}
+constants["", "input_lag_s"] = 0.0
 with (folder / "parameters.csv").open(newline="") as table:
     rows = [(row["estimator"], row["output"], row["parameter"], row["value"], row["std"]) for row in csv.DictReader(table)]
 for estimator in ["oe", "fe", "image"]:

@@ -31,7 +31,7 @@ pub fn aircraft(vehicle: &Vehicle) -> Aircraft {
     let balls = balls.collect::<Vec<_>>();
     match HELICOPTERS.contains(&vehicle.model.name.as_str()) {
         true => Aircraft::helicopter(&balls),
-        false => Aircraft::frame(&balls),
+        false => Aircraft::hub_with_arms(&balls),
     }
 }
 

@@ -79,7 +79,7 @@ impl Aircraft {
 
     /// A dark hub in the origin and an arm to each ball: any aircraft of whose hull nothing is known. Hub and arms are in
     /// proportion to the farthest ball, so that they hide as little of an aircraft of 20 cm as of one of 2 m.
-    pub fn frame(balls: &[PaintedBall]) -> Self {
+    pub fn hub_with_arms(balls: &[PaintedBall]) -> Self {
         let reach_m = balls.iter().map(|ball| ball.centre_m.norm()).fold(0.0, f64::max);
         let hub = Shape::Ellipsoid { centre: V::zeros(), semi: V::new(0.15, 0.15, 0.08) * reach_m };
         let arm = |ball: &PaintedBall| {

@@ -63,6 +63,30 @@ mod tests {
     use crate::{PaintedBall, Person, Room, Sensor, Veil};
     use mavsight_geometry::{Camera, ImageSize, Intrinsics};
 
+    /// The helicopter was drawn whatever flew, and its hull hid the balls of others.
+    #[test]
+    fn a_hub_with_arms_hides_little_of_the_balls_that_it_carries() {
+        let size = ImageSize { width_px: 640, height_px: 480 };
+        let k = Intrinsics::from_horizontal_fov(size, 0.9);
+        let camera = Camera::looking_at(Vector3::new(1.2, -4.2, 1.6), Vector3::new(0.0, 0.0, 1.2), k, size);
+        let balls = [[0.2, 0.0], [0.0, 0.2], [-0.2, 0.0], [0.0, -0.2]].map(|[x, y]| PaintedBall {
+            centre_m: Vector3::new(x, y, 0.0),
+            radius_m: 0.015,
+            linear: [0.7, 0.0, 0.0],
+        });
+        let room = Room::meeting_room();
+        let film = Film::new(&room, camera, Sensor { noise: false, ..Sensor::default() });
+        let pose = Isometry3::translation(0.0, 0.0, 1.2);
+        let least = |aircraft: &Aircraft| {
+            let share = |b: &PaintedBall| {
+                film.visible_share(&b.centre_m, b.radius_m, aircraft, &pose, &Occluders::default())
+            };
+            balls.iter().map(share).fold(1.0, f64::min)
+        };
+        let (arms, hull) = (least(&Aircraft::hub_with_arms(&balls)), least(&Aircraft::helicopter(&balls)));
+        assert!(arms > 0.8 && hull < 0.5, "{arms} with arms, {hull} before the hull");
+    }
+
     /// A person half way hides a ball and not the one next to it, and is as dark as their clothes.
     #[test]
     fn a_person_hides_the_ball_behind() {

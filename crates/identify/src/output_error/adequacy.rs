@@ -16,8 +16,8 @@ const SIGNALS_SAID: usize = 3;
 pub struct Adequacy {
     /// That filter error contradicts output error: what the model lacks has gone into its parameters.
     pub contradiction: Option<Disagreement>,
-    /// That filter error contradicts output error, but explains the flight worse than output error whose measurements err for
-    /// longer than an instant: by how much its [criterion](super::OutputErrorFit::criterion) is larger.
+    /// That filter error contradicts output error, but explains the flight worse than errors of the measurements alone: by how
+    /// much its [criterion](super::OutputErrorFit::criterion) is larger.
     pub refuted: Option<f64>,
     /// What the residuals of output error ask for; an error of the fit that would have said it.
     pub asked_for: Option<Result<AskedFor, IdentifyError>>,
@@ -90,8 +90,8 @@ impl FlightFits {
         }
         let refuted = worse_by.map(|by| {
             format!(
-                "Do not use its parameters: errors of the poses that last longer than an instant, which output error allows for, \
-                 explain the flight better than forces that the model lacks (Schwarz' criterion less by {by:.0})."
+                "Do not use its parameters: errors of the poses alone, as output error finds them, explain the flight better than \
+                 forces that the model lacks (Schwarz' criterion less by {by:.0})."
             )
         });
         let Some(filter) = &mut self.filter else { return };

@@ -64,9 +64,7 @@ impl BallPlaces {
             of_noise: of_noise / count,
         })
     }
-}
 
-impl BallPlaces {
     /// Whether those balls of a camera that are seen again are where they were, to within no more than an encoder's noise: too
     /// few to show that it stands still, while none says that it does not.
     pub fn are_where_they_were(&self, camera: usize, seen: &[TrackedDetection]) -> bool {
