@@ -86,6 +86,11 @@ impl Seen {
         (self.hue[0] * hue[0] + self.hue[1] * hue[1]) / self.chroma.max(f32::MIN_POSITIVE)
     }
 
+    /// Angle to a unit hue.
+    fn angle_rad(&self, hue: [f32; 2]) -> f32 {
+        self.cosine(hue).clamp(-1.0, 1.0).acos()
+    }
+
     pub(crate) fn unit_hue(&self) -> [f32; 2] {
         let scale = 1.0 / self.chroma.max(f32::MIN_POSITIVE);
         [self.hue[0] * scale, self.hue[1] * scale]
@@ -112,6 +117,8 @@ fn hue_of([r, g, b]: [f32; 3]) -> [f32; 2] {
 /// One marker's place among the hues.
 #[derive(Debug, Clone)]
 struct Target {
+    nominal: [f32; 2],
+    /// As it was last measured; the nominal one before that.
     hue: [f32; 2],
     /// Half the angle to the nearest other hue, or the physical cap, radians.
     gate_rad: f32,
@@ -141,8 +148,8 @@ impl ColorModel {
             }
         }
         let cap_rad = (GREATEST_HUE_CHANGE_DEG as f32).to_radians();
-        let mut targets: Vec<Target> =
-            seen.iter().map(|s| Target { hue: s.unit_hue(), gate_rad: cap_rad }).collect();
+        let target = |hue| Target { nominal: hue, hue, gate_rad: cap_rad };
+        let mut targets: Vec<Target> = seen.iter().map(|s| target(s.unit_hue())).collect();
         for i in 0..colors.len() {
             for j in 0..i {
                 let apart_rad = seen[i].cosine(targets[j].hue).clamp(-1.0, 1.0).acos();
@@ -177,22 +184,28 @@ impl ColorModel {
         (along >= 0.0) & (along * along >= self.cap_cosine * self.cap_cosine * (x * x + y * y))
     }
 
-    /// Angle of a colour to a marker's hue as a fraction of the marker's gate; above one it is not that
-    /// marker.
+    /// Angle of a colour to a marker's hue as a fraction of the marker's gate, or of the angle to another
+    /// marker's hue where that is more; above one it is not that marker.
     pub(crate) fn gate_fraction(&self, marker: usize, seen: &Seen) -> f64 {
         let target = &self.targets[marker];
-        f64::from(seen.cosine(target.hue).clamp(-1.0, 1.0).acos() / target.gate_rad)
+        let own_rad = seen.angle_rad(target.hue);
+        let others = self.targets.iter().enumerate().filter(|(other, _)| *other != marker);
+        let nearest_rad = others.map(|(_, t)| seen.angle_rad(t.hue)).fold(target.gate_rad, f32::min);
+        f64::from(own_rad / nearest_rad.max(f32::MIN_POSITIVE))
     }
 
     /// Angle of a colour to a marker's hue, degrees.
     pub(crate) fn apart_deg(&self, marker: usize, seen: &Seen) -> f64 {
-        f64::from(seen.cosine(self.targets[marker].hue).clamp(-1.0, 1.0).acos().to_degrees())
+        f64::from(seen.angle_rad(self.targets[marker].hue).to_degrees())
     }
 
-    /// Replaces a marker's hue by the one that was measured, when that lies within the gate.
+    /// Replaces a marker's hue by the one that was measured, when that lies within the gate about the nominal
+    /// one: a ball behind another shows a mixture of both, and followed from mixture to mixture one hue
+    /// would become the other.
     pub(crate) fn learn(&mut self, marker: usize, seen: &Seen) {
-        if seen.is_colored() && self.gate_fraction(marker, seen) <= 1.0 {
-            self.targets[marker].hue = seen.unit_hue();
+        let target = &mut self.targets[marker];
+        if seen.is_colored() && seen.angle_rad(target.nominal) <= target.gate_rad {
+            target.hue = seen.unit_hue();
         }
     }
 }
@@ -221,6 +234,24 @@ mod tests {
             let seen = Seen::of(base.map(|c| c * shade + haze));
             assert!(model.gate_fraction(0, &seen) < 1e-2);
             assert!(model.gate_fraction(1, &seen) > 1.0);
+        }
+    }
+
+    /// A yellow ball that was followed behind a red one became red: the red ball was both.
+    #[test]
+    fn a_hue_that_is_learned_from_mixtures_does_not_become_another() {
+        let (red, yellow) = ([208, 42, 42], [216, 188, 48]);
+        let mut model = ColorModel::new(&[color("red", red), color("yellow", yellow)]).unwrap();
+        let mixed = |share: f32| {
+            let (red, yellow) = (to_linear(red), to_linear(yellow));
+            Seen::of(std::array::from_fn(|k| share * red[k] + (1.0 - share) * yellow[k]))
+        };
+        (0..=100).for_each(|k| model.learn(1, &mixed(0.01 * k as f32)));
+        assert!(model.gate_fraction(1, &mixed(1.0)) > 1.0 && model.gate_fraction(0, &mixed(1.0)) < 1e-3);
+        assert!(model.gate_fraction(1, &mixed(0.0)) <= 1.0 && model.gate_fraction(0, &mixed(0.0)) > 1.0);
+        for share in [0.2, 0.4, 0.6, 0.8] {
+            let owners = (0..2).filter(|m| model.gate_fraction(*m, &mixed(share)) <= 1.0).count();
+            assert!(owners <= 1, "{share} red is both");
         }
     }
 
