@@ -11,7 +11,6 @@ use crate::smoother::rates::Rates;
 use crate::smoother::state::Joint;
 use crate::statistics::median;
 use crate::{Motion, MotionSample, NearJump, PoseError, PoseSample, RateSeries};
-use mavsight_geometry::Matrix6;
 use std::ops::Range;
 #[cfg(test)]
 use {
@@ -127,9 +126,10 @@ fn each_sample(
     gravity_m_s2: f64,
     mut take: impl FnMut(usize, MotionSample),
 ) -> Option<()> {
-    let own = mean_own_covariance(flown.poses);
+    let precisions: Vec<_> = flown.poses.iter().map(own_precisions).collect();
     each_smoothed(flown, &found.noise, |k, mut state: Joint, _| {
-        state.widen_by_unseen(&own, found.unseen, found.rates.is_some());
+        let own = own_variances(flown.poses, &precisions, k, found.bandwidth_hz);
+        state.widen_by_unseen(own, found.unseen, found.rates.is_some());
         take(k, state.sample(flown.poses[k].t_ns, gravity_m_s2));
     })
 }
@@ -141,9 +141,32 @@ fn beside_jump(sample: &mut MotionSample, knowing: &MotionSample) -> Option<Near
     Some(NearJump { t_ns: sample.t_ns, without: std::array::from_fn(|k| narrow.variance(6 + k) as f32) })
 }
 
-fn mean_own_covariance(poses: &[PoseSample]) -> Matrix6<f64> {
-    let count = poses.iter().filter(|p| p.estimate.is_ok()).count().max(1) as f64;
-    poses.iter().filter_map(|p| p.estimate.as_ref().ok()).map(|e| e.own_covariance() / count).sum()
+/// One over the sum of the variances of position and of attitude that are a pose's own; zero without a pose.
+fn own_precisions(pose: &PoseSample) -> [f64; 2] {
+    let Ok(estimate) = &pose.estimate else { return [0.0; 2] };
+    let own = estimate.own_covariance();
+    [0, 3].map(|at| 1.0 / own.fixed_view::<3, 3>(at, at).trace())
+}
+
+/// The sums of variances that poses have of their own within half a period of what the smoother passes, of
+/// position and of attitude: their harmonic mean, as it weighs them. The arithmetic mean is that of the few
+/// poses which are known least and hardly weigh at all.
+fn own_variances(
+    poses: &[PoseSample],
+    precisions: &[[f64; 2]],
+    k: usize,
+    bandwidth_hz: (f64, f64),
+) -> [f64; 2] {
+    std::array::from_fn(|i| {
+        let half_ns = (0.5e9 / if i == 0 { bandwidth_hz.0 } else { bandwidth_hz.1 }) as i64;
+        let is_near = |other: &usize| (poses[*other].t_ns - poses[k].t_ns).abs() <= half_ns;
+        let near = (0..=k).rev().take_while(is_near).chain((k + 1..poses.len()).take_while(is_near));
+        let (sum, count) = near
+            .map(|other| precisions[other][i])
+            .filter(|precision| *precision > 0.0)
+            .fold((0.0, 0.0), |(sum, count), precision| (sum + precision, count + 1.0));
+        if sum > 0.0 { count / sum } else { 0.0 }
+    })
 }
 
 /// The instants whose motion is known, in parts without a longer gap in which it does not begin anew, each

@@ -218,15 +218,16 @@ impl Joint {
         Some(())
     }
 
-    /// Widens the covariance for a share of the poses' own covariance that their innovations do not show. Such
-    /// errors move as slowly as the motion; spread evenly over the band that the smoother passes, which is
-    /// the spectrum of greatest entropy for them, all of their variance passes, of which the smoother takes the
-    /// part of white errors. Beside measured `rates` errors of the poses reach the attitude, and not what the rates say.
-    pub(crate) fn widen_by_unseen(&mut self, own: &Matrix6<f64>, share: [f64; 2], rates: bool) {
+    /// Widens the covariance for a share of the poses' `own` variances, of position and of attitude, that their
+    /// innovations do not show. Such errors move as slowly as the motion; spread evenly over the band that the
+    /// smoother passes, which is the spectrum of greatest entropy for them, all of their variance passes, of
+    /// which the smoother takes the part of white errors. Beside measured `rates` errors of the poses reach the
+    /// attitude, and not what the rates say.
+    pub(crate) fn widen_by_unseen(&mut self, own: [f64; 2], share: [f64; 2], rates: bool) {
         for (i, share) in share.into_iter().enumerate() {
             let at = CHAIN * i;
             let passed = self.covariance.fixed_view::<3, 3>(at, at).trace();
-            let ratio = own.fixed_view::<3, 3>(3 * i, 3 * i).trace() / passed;
+            let ratio = own[i] / passed;
             if share > 0.0 && ratio > 1.0 {
                 let factor = (1.0 + share * (ratio - 1.0)).sqrt();
                 let reached = if rates && i == 1 { 3 } else { CHAIN };

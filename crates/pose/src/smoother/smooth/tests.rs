@@ -224,6 +224,29 @@ fn intervals_hold_where_a_part_of_the_error_lasts() {
     assert!(total.iter().all(|s| (0.91..=0.98).contains(s)), "{total:?}");
 }
 
+/// One pose in ten that is known to half a metre made all of the motion five times as uncertain.
+#[test]
+fn a_few_poses_that_are_hardly_known_do_not_make_the_rest_of_the_motion_uncertain() {
+    let (mut poses, _) = white_jerk(104, (0.0, 1.0));
+    let tiny = Matrix6xX::from_element(1, 1e-9);
+    let mut without = poses.clone();
+    for (k, (sample, without)) in poses.iter_mut().zip(&mut without).enumerate() {
+        let stds = if k % 10 == 5 { (0.5, 1.0) } else { (2e-3, 6e-3) };
+        let own = pose(sample.t_ns, sample.estimate.as_ref().unwrap().world_from_body, stds);
+        sample.estimate = own.estimate.map(|e| e.with_systematic(&tiny));
+        let known = if k % 10 == 5 { Err(PoseError::NotMeasured) } else { sample.estimate.clone() };
+        without.estimate = known;
+    }
+    let median_std = |poses: &[PoseSample], at: usize| {
+        let motion = smooth(poses, GRAVITY).unwrap();
+        crate::statistics::median(motion.samples.iter().map(|s| s.covariance.variance(at).sqrt()).collect())
+    };
+    for at in [0, 3] {
+        let (with, without) = (median_std(&poses, at), median_std(&without, at));
+        assert!((with / without - 1.0).abs() < 0.1, "coordinate {at}: {with} with them, {without} without");
+    }
+}
+
 #[test]
 fn intervals_hold_in_gaps_and_grow_there() {
     let (mut inside, mut count) = ([0.0; 3], 0.0);
