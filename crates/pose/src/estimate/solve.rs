@@ -97,7 +97,7 @@ impl PoseEstimator {
             column.copy_from(&effect);
         }
         let left = squares - taken;
-        // Rounding may make it less than nothing; what is no number stays none.
+        // Rounding may make it less than nothing; what is no number remains none.
         (effects, if left < 0.0 { 0.0 } else { left })
     }
 
