@@ -96,6 +96,16 @@ pub enum GeometryError {
         /// The quantity.
         what: &'static str,
     },
+    /// Errors so large that what they do to a result is no number any more.
+    #[error(
+        "the covariance of {what} is not finite in {coordinates} coordinate(s): a standard deviation of a centre, a camera or a marker is far beyond any measurement's; correct it"
+    )]
+    UnboundedCovariance {
+        /// The result.
+        what: &'static str,
+        /// How many of its coordinates.
+        coordinates: usize,
+    },
     /// Distortion so strong that the inverse does not converge.
     #[error(
         "the lens distortion cannot be undone at pixel ({u_px:.1}, {v_px:.1}): it lies outside the calibrated field"

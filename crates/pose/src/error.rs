@@ -389,7 +389,7 @@ pub enum PoseError {
     },
     /// A pose, covariance or constant that is not usable.
     #[error(
-        "{what} at sample {index} is not usable (not finite, or a covariance that is not positive definite)"
+        "{what} at sample {index} is not usable (not finite, or a covariance that is not positive definite): correct that sample, or leave it out"
     )]
     BadPose {
         /// Row.

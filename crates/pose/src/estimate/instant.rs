@@ -7,7 +7,8 @@ use super::solve::MAX_STEPS;
 use super::start::of_markers;
 use crate::reprojection::{PointObservation, PoseFit};
 use crate::{MarkerObservation, PoseError};
-use mavsight_geometry::{Camera, Isometry3, Point3, Vector2};
+use mavsight_geometry::{Camera, GeometryError, Isometry3, Matrix6, Point3, Vector2};
+use nalgebra::Matrix6xX;
 
 impl PoseEstimator {
     /// The pose that fits all observations of one instant best; observations of other instants are passed
@@ -23,7 +24,7 @@ impl PoseEstimator {
     /// # Errors
     /// [`PoseError::TooFewMarkers`], [`PoseError::AmbiguousPose`], [`PoseError::NotRigid`],
     /// [`PoseError::NotConverged`], [`PoseError::BadObservation`], [`PoseError::Geometry`] for collinear
-    /// markers.
+    /// markers, and for stated errors so large that the covariance is not finite.
     pub fn estimate(
         &self,
         t_ns: i64,
@@ -55,7 +56,7 @@ impl PoseEstimator {
         let inverse = inverse.ok_or_else(|| fit.not_converged(MAX_STEPS))?;
         let (effects, left_over) = self.systematic(&own, &fit, &inverse);
         let factor = noise_factor(fit.chi_square, left_over, fit.redundancy());
-        let estimate = PoseEstimate::new(fit.world_from_body, &(inverse * factor)).with_rounded(&effects);
+        let estimate = stated(fit.world_from_body, &(inverse * factor), &effects)?;
         let left_out = all.iter().filter(|m| !used.contains(*m)).collect();
         Ok(estimate.by_markers(used, left_out, residual_px))
     }
@@ -65,7 +66,8 @@ impl PoseEstimator {
     ///
     /// # Errors
     /// [`PoseError::BadObservation`]; [`PoseError::TooFewMarkers`] and [`PoseError::NotConverged`] for
-    /// observations that do not determine the pose; [`PoseError::Geometry`] for a marker behind its camera.
+    /// observations that do not determine the pose; [`PoseError::Geometry`] for a marker behind its camera,
+    /// and for stated errors so large that the covariance is not finite.
     pub fn predict(
         &self,
         world_from_body: &Isometry3<f64>,
@@ -87,11 +89,8 @@ impl PoseEstimator {
         let undetermined = || PoseError::NotConverged { steps: 0, residual_px: 0.0 };
         let new = fit.normal.cholesky().map(|c| c.inverse()).ok_or_else(undetermined)?;
         let (effects, _) = self.systematic(&own, &fit, &new);
-        if !new.iter().chain(effects.iter()).all(|x| x.is_finite()) {
-            return Err(undetermined());
-        }
-        let estimate = PoseEstimate::new(*world_from_body, &new);
-        Ok(estimate.with_rounded(&effects).by_markers(used, MarkerSet::default(), None))
+        let estimate = stated(*world_from_body, &new, &effects)?;
+        Ok(estimate.by_markers(used, MarkerSet::default(), None))
     }
 
     /// The marker that disagrees most with the body of the others, if one does, and the pose without it.
@@ -149,6 +148,21 @@ impl PoseEstimator {
         }
         Ok(())
     }
+}
+
+/// A pose with its covariance, which must be finite as it is kept: the systematic columns in single precision.
+fn stated(
+    world_from_body: Isometry3<f64>,
+    own: &Matrix6<f64>,
+    effects: &Matrix6xX<f64>,
+) -> Result<PoseEstimate, GeometryError> {
+    let estimate = PoseEstimate::new(world_from_body, own).with_rounded(effects);
+    let covariance = estimate.covariance();
+    let coordinates = covariance.row_iter().filter(|row| !row.iter().all(|x| x.is_finite())).count();
+    if coordinates > 0 {
+        return Err(GeometryError::UnboundedCovariance { what: "the pose", coordinates });
+    }
+    Ok(estimate)
 }
 
 /// How far observations lie from where the best pose has them.

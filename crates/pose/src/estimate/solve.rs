@@ -96,7 +96,9 @@ impl PoseEstimator {
             taken += effect.dot(&right);
             column.copy_from(&effect);
         }
-        (effects, (squares - taken).max(0.0))
+        let left = squares - taken;
+        // Rounding may make it less than nothing; NaN is not to become nothing.
+        (effects, if left < 0.0 { 0.0 } else { left })
     }
 
     /// Root mean square distance between some markers of two poses.

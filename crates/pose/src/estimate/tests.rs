@@ -307,6 +307,28 @@ fn bounded_influence_beats_least_squares_where_some_observations_are_off() {
     assert!(bounded < 0.97 * least, "{bounded} against {least}");
 }
 
+/// Beyond 1e38 single precision keeps no systematic column; beyond 1e154 squares are no numbers either.
+#[test]
+fn stated_errors_beyond_all_numbers_give_no_pose() {
+    let views = seen(&truth(), 0.1, &mut Random::new(3, 0));
+    let planned = views.iter().map(|o| PredictedObservation {
+        camera: o.camera,
+        marker: o.marker,
+        covariance_px2: o.covariance_px2,
+    });
+    let planned: Vec<_> = planned.collect();
+    for std_px in [1e45, 1e160, 1e308] {
+        let estimator = PoseEstimator::new(&rig(), &body()).with_centre_bias(std_px).unwrap();
+        for found in [estimator.estimate(0, &views, None), estimator.predict(&truth(), &planned)] {
+            let unbounded = GeometryError::UnboundedCovariance { what: "the pose", coordinates: 6 };
+            assert_eq!(found.unwrap_err(), PoseError::Geometry(unbounded), "{std_px}");
+        }
+    }
+    let estimator = PoseEstimator::new(&rig(), &body()).with_centre_bias(1e30).unwrap();
+    let vast = estimator.estimate(0, &views, None).unwrap().covariance();
+    assert!(vast.iter().all(|v| v.is_finite()) && vast[(0, 0)] > 1e40);
+}
+
 #[test]
 fn what_makes_no_pose_is_refused_with_its_reason() {
     let estimator = PoseEstimator::new(&rig(), &body());

@@ -148,6 +148,7 @@ fn agreeing(
                     .flatten();
                 let square = seen.and_then(|seen| state.disagreement(seen, &found.noise));
                 out.extend(square.filter(|square| *square <= gate).map(|_| first + k));
+                Some(())
             },
         );
     }
@@ -165,8 +166,10 @@ fn checked_parts(poses: &[PoseSample], anew: &[usize], found: &Likely<'_>) -> Ve
         let first = part.start;
         let flown = Flown::without_effects(&poses[part], first, found.rates);
         let mut out = Vec::new();
-        let visit =
-            |k: usize, _: Joint, checked: Option<Checked>| out.extend(checked.map(|c| (first + k, c)));
+        let visit = |k: usize, _: Joint, checked: Option<Checked>| {
+            out.extend(checked.map(|c| (first + k, c)));
+            Some(())
+        };
         each_smoothed(&flown, &found.noise, visit)?;
         out.reverse();
         Some(out)

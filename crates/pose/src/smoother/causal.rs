@@ -70,14 +70,19 @@ impl CausalFilter {
                 }
             }
         }
+        let is_seen = sample.estimate.is_ok();
+        let known = self.state.as_ref().filter(|_| is_seen || unseen_s <= 0.5 * self.longest_gap_s);
+        let motion = known.map(|(joint, _)| joint.sample(sample.t_ns, self.gravity_m_s2).ok_or(unsound));
+        if let Some(Err(unsound)) = motion {
+            self.state = None;
+            return Err(unsound);
+        }
         self.t_ns = sample.t_ns;
         self.index += 1;
-        let is_seen = sample.estimate.is_ok();
         if is_seen {
             self.seen_ns = sample.t_ns;
         }
-        let known = self.state.as_ref().filter(|_| is_seen || unseen_s <= 0.5 * self.longest_gap_s);
-        Ok(known.map(|(joint, _)| joint.sample(sample.t_ns, self.gravity_m_s2)))
+        motion.transpose()
     }
 }
 
@@ -177,6 +182,33 @@ mod tests {
         unsound.rotation.intensity = -1.0;
         assert!(CausalFilter::new(unsound, GRAVITY).is_err());
         assert!(CausalFilter::new(noise(), f64::NAN).is_err());
+    }
+
+    /// Noise and poses may be finite and the variances that follow from them not. It gave these as motion.
+    #[test]
+    fn a_covariance_beyond_all_numbers_is_refused_and_the_filter_begins_again() {
+        let vast = JerkNoise::white(1e303, 1e304);
+        let sized = [noise(), MotionNoise { translation: vast, ..noise() }];
+        for (noise, shift) in sized.into_iter().zip([1e150, 0.0]) {
+            let mut filter = CausalFilter::new(noise, GRAVITY).unwrap();
+            let mut refused = 0;
+            for (k, mut sample) in flight(60).into_iter().enumerate() {
+                if let (20, Ok(estimate)) = (k, &mut sample.estimate) {
+                    estimate.world_from_body.translation.vector.y = shift;
+                }
+                match filter.push(&sample) {
+                    Ok(Some(motion)) => {
+                        assert!(motion.covariance.variances().iter().all(|v| v.is_finite() && *v > 0.0));
+                        assert!(motion.velocity_in_body_m_s.iter().all(|v| v.is_finite()));
+                    }
+                    Ok(None) => assert!(k < 2),
+                    Err(PoseError::BadPose { what: "the filter's covariance", .. }) => refused += 1,
+                    Err(error) => panic!("{error}"),
+                }
+            }
+            // The pose that is far off, and the one behind it at most; all poses of a noise without bounds.
+            assert!(if shift > 0.0 { (1..=2).contains(&refused) } else { refused == 58 }, "{refused}");
+        }
     }
 
     /// It went on along the last acceleration, and took the first pose afterwards for some turns more.

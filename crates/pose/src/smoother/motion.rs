@@ -24,6 +24,20 @@ pub struct MotionSample {
 }
 
 impl MotionSample {
+    /// Whether all numbers are finite, also those of the covariance.
+    pub(crate) fn is_finite(&self) -> bool {
+        let place = &self.world_from_body;
+        let vectors = [
+            &place.translation.vector,
+            &self.velocity_in_body_m_s,
+            &self.rates_rad_s,
+            &self.specific_force_m_s2,
+            &self.angular_acceleration_rad_s2,
+        ];
+        let mut values = vectors.into_iter().flatten().chain(&place.rotation.coords);
+        values.all(|x| x.is_finite()) && self.covariance.is_finite()
+    }
+
     /// The difference from another, in the coordinates of the covariance.
     pub(crate) fn minus(&self, other: &Self) -> SVector<f64, 18> {
         let (own, from) = (&self.world_from_body, &other.world_from_body);
@@ -74,6 +88,10 @@ impl MotionCovariance {
             six: [0, 6].map(|at| packed(|i, j| all[(at + i, at + j)])),
             three: [12, 15].map(|at| packed(|i, j| all[(at + i, at + j)])),
         }
+    }
+
+    fn is_finite(&self) -> bool {
+        self.six.iter().flatten().chain(self.three.iter().flatten()).all(|x| x.is_finite())
     }
 
     /// Position, then turn.

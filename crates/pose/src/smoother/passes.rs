@@ -196,12 +196,12 @@ pub(crate) struct Checked {
     pub(crate) disagreement: f64,
 }
 
-/// Calls `visit` with each pose's number, the smoothed state there and how the pose agrees, the last first; the first of the
-/// instants is a measured pose.
+/// Calls `visit` with each pose's number, the smoothed state there and how the pose agrees, the last first, until
+/// it has none; the first of the instants is a measured pose.
 pub(crate) fn each_smoothed(
     flown: &Flown<'_>,
     noise: &MotionNoise,
-    mut visit: impl FnMut(usize, Joint, Option<Checked>),
+    mut visit: impl FnMut(usize, Joint, Option<Checked>) -> Option<()>,
 ) -> Option<()> {
     let at_pose = |k: usize, step: &Step, later: &Adjoint| {
         let smoothed = later.smoothed(&step.filtered);
@@ -211,8 +211,7 @@ pub(crate) fn each_smoothed(
             let (innovation, disagreement) = (update.chi_square(), later.disagreement(update)?);
             checked = Some(Checked { innovation, disagreement });
         }
-        visit(k, smoothed, checked);
-        Some(())
+        visit(k, smoothed, checked)
     };
     backward(flown, noise, at_pose, |_, _| ())
 }

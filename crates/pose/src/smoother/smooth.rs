@@ -88,17 +88,24 @@ fn motion_of(believed: Believed<'_>, effects: EffectsOf<'_>, gravity_m_s2: f64) 
     let mut near_jumps = Vec::new();
     for part in parts.iter().rev().cloned() {
         let (first, flown) = (part.start, &poses[part]);
-        let failed = PoseError::BadPose { index: first, what: "the smoother's covariance" };
+        let failed = |k: usize| PoseError::BadPose { index: first + k, what: "the smoother's covariance" };
         let jumps = Jumps::of(&Flown::without_effects(flown, first, found.rates), &found.noise);
         let mut flown = Flown::new(flown, first, effects, found.rates);
         let begin = samples.len();
-        each_sample(&flown, &found, gravity_m_s2, |_, sample| samples.push(sample)).ok_or(failed.clone())?;
-        flown.jumps = jumps.ok_or(failed.clone())?;
+        let take = |_, sample| {
+            samples.push(sample);
+            Some(())
+        };
+        each_sample(&flown, &found, gravity_m_s2, take).map_err(failed)?;
+        flown.jumps = jumps.ok_or(failed(0))?;
         if !flown.jumps.is_empty() {
             let own = &mut samples[begin..];
             let last = own.len() - 1;
-            let widen = |k: usize, knowing| near_jumps.extend(beside_jump(&mut own[last - k], &knowing));
-            each_sample(&flown, &found, gravity_m_s2, widen).ok_or(failed)?;
+            let widen = |k: usize, knowing| {
+                near_jumps.extend(beside_jump(&mut own[last - k], &knowing));
+                own[last - k].is_finite().then_some(())
+            };
+            each_sample(&flown, &found, gravity_m_s2, widen).map_err(failed)?;
         }
     }
     if samples.is_empty() {
@@ -120,18 +127,22 @@ fn motion_of(believed: Believed<'_>, effects: EffectsOf<'_>, gravity_m_s2: f64) 
     })
 }
 
-/// Calls `take` with each pose's number and the motion there, the last first.
+/// Calls `take` with each pose's number and the motion there, the last first; an error has the number at which that is
+/// none, or has none of its own.
 fn each_sample(
     flown: &Flown<'_>,
     found: &Likely<'_>,
     gravity_m_s2: f64,
-    mut take: impl FnMut(usize, MotionSample),
-) -> Option<()> {
+    mut take: impl FnMut(usize, MotionSample) -> Option<()>,
+) -> Result<(), usize> {
     let own = mean_own_covariance(flown.poses);
-    each_smoothed(flown, &found.noise, |k, mut state: Joint, _| {
+    let mut at = 0;
+    let visit = |k: usize, mut state: Joint, _| {
+        at = k;
         state.widen_by_unseen(&own, found.unseen, found.rates.is_some());
-        take(k, state.sample(flown.poses[k].t_ns, gravity_m_s2));
-    })
+        take(k, state.sample(flown.poses[k].t_ns, gravity_m_s2)?)
+    };
+    each_smoothed(flown, &found.noise, visit).ok_or(at)
 }
 
 /// Widens a sample's covariance by what it errs beside jumps, where it does.
@@ -165,7 +176,11 @@ pub(crate) fn known_parts(poses: &[PoseSample], anew: &[usize], found: &Likely<'
 #[cfg(test)]
 fn smoothed(poses: &[PoseSample], noise: &MotionNoise) -> Option<Vec<Joint>> {
     let mut out = Vec::with_capacity(poses.len());
-    each_smoothed(&Flown::new(poses, 0, &|_| None, None), noise, |_, state, _| out.push(state))?;
+    let take = |_, state, _| {
+        out.push(state);
+        Some(())
+    };
+    each_smoothed(&Flown::new(poses, 0, &|_| None, None), noise, take)?;
     out.reverse();
     Some(out)
 }
@@ -180,7 +195,7 @@ pub(crate) fn forward_samples(
     let flown = Flown::new(poses, 0, &|_| None, None);
     let mut start = informed_start(&flown, noise).unwrap();
     let steps = forward(&flown, 0..poses.len(), noise, &mut start).unwrap();
-    steps.iter().zip(poses).map(|(s, p)| s.filtered.sample(p.t_ns, gravity_m_s2)).collect()
+    steps.iter().zip(poses).map(|(s, p)| s.filtered.sample(p.t_ns, gravity_m_s2).unwrap()).collect()
 }
 
 #[cfg(test)]

@@ -258,8 +258,9 @@ impl Joint {
         }
     }
 
-    /// The state as body quantities, with the covariance by the Jacobian of that, systematic errors included.
-    pub(crate) fn sample(&self, t_ns: i64, gravity_m_s2: f64) -> MotionSample {
+    /// The state as body quantities, with the covariance by the Jacobian of that, systematic errors included. `None` where
+    /// a number of either is not finite.
+    pub(crate) fn sample(&self, t_ns: i64, gravity_m_s2: f64) -> Option<MotionSample> {
         let (translation, rotation) = (&self.translation, &self.rotation);
         let body_from_world = matrix_of(&rotation.place).transpose();
         let velocity = body_from_world * translation.rate;
@@ -284,7 +285,7 @@ impl Joint {
             let on_body = jacobian * effect;
             covariance.ger(1.0, &on_body, &on_body, 1.0);
         }
-        MotionSample {
+        let sample = MotionSample {
             t_ns,
             world_from_body: Isometry3::from_parts(Translation3::from(translation.place), rotation.place),
             velocity_in_body_m_s: velocity,
@@ -292,7 +293,8 @@ impl Joint {
             specific_force_m_s2: force,
             angular_acceleration_rad_s2: rotation.acceleration,
             covariance: MotionCovariance::of(&((covariance + covariance.transpose()) * 0.5)),
-        }
+        };
+        sample.is_finite().then_some(sample)
     }
 }
 

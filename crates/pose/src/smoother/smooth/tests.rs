@@ -215,7 +215,7 @@ fn intervals_hold_where_a_part_of_the_error_lasts() {
         let white = |n: JerkNoise| JerkNoise { correlated: Matrix3::zeros(), ..n };
         let white = MotionNoise { translation: white(noise.translation), rotation: white(noise.rotation) };
         let states = smoothed(&poses, &white).unwrap();
-        let samples = poses.iter().zip(&states).map(|(p, s)| s.sample(p.t_ns, GRAVITY)).collect();
+        let samples = poses.iter().zip(&states).map(|(p, s)| s.sample(p.t_ns, GRAVITY).unwrap()).collect();
         let (without, _) = coverage(&Motion { samples, ..motion.clone() }, |i| truth[i]);
         (0..3).for_each(|k| total[k] += share[k] / 4.0);
         (0..3).for_each(|k| plain[k] += without[k] / 4.0);
@@ -364,6 +364,23 @@ fn a_sine_is_scaled_by_the_response() {
         let want = 1.0 / (1.0 + (f / fc).powi(6));
         assert!((along / square - want).abs() < 0.01, "at {f} Hz {} against {want}", along / square);
     }
+}
+
+/// Single precision keeps no variance beyond 3e38 m², and the smoother gave an infinite one.
+#[test]
+fn a_flight_whose_variances_are_beyond_all_numbers_is_refused() {
+    let mut poses = filmed(60, 1.0, &mut Random::new(5, 0), |_| false);
+    for (k, sample) in poses.iter_mut().enumerate() {
+        if let Ok(estimate) = &mut sample.estimate {
+            let far = &mut estimate.world_from_body.translation.vector;
+            far.x += if k % 2 == 0 { 1e25 } else { -1e25 };
+        }
+    }
+    let refused = smooth(&poses, GRAVITY);
+    assert!(
+        matches!(refused, Err(PoseError::BadPose { what: "the smoother's covariance", index: 0..60 })),
+        "{refused:?}"
+    );
 }
 
 #[test]
