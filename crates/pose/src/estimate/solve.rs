@@ -97,7 +97,7 @@ impl PoseEstimator {
             column.copy_from(&effect);
         }
         let left = squares - taken;
-        // Rounding may make it less than nothing; what is no number remains none.
+        // Rounding may make it less than nothing; NaN is not to become nothing.
         (effects, if left < 0.0 { 0.0 } else { left })
     }
 

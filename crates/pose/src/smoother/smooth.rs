@@ -199,7 +199,11 @@ pub(crate) fn known_parts(poses: &[PoseSample], anew: &[usize], found: &Likely<'
 #[cfg(test)]
 fn smoothed(poses: &[PoseSample], noise: &MotionNoise) -> Option<Vec<Joint>> {
     let mut out = Vec::with_capacity(poses.len());
-    each_smoothed(&Flown::new(poses, 0, &|_| None, None), noise, |_, state, _| Some(out.push(state)))?;
+    let take = |_, state, _| {
+        out.push(state);
+        Some(())
+    };
+    each_smoothed(&Flown::new(poses, 0, &|_| None, None), noise, take)?;
     out.reverse();
     Some(out)
 }
