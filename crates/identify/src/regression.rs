@@ -294,6 +294,10 @@ impl<'a> Regression<'a> {
             let (value, noise) = (values[position], covariance[(position, position)].max(0.0).sqrt());
             let std = noise.hypot(value * self.output.scale_std);
             let (ci_low, ci_high) = (value - t * std, value + t * std);
+            // An interval without bounds determines nothing.
+            if !(ci_high - ci_low).is_finite() {
+                continue;
+            }
             if self.dependence.stands_alone(position) {
                 let p = &mut parameters[column];
                 p.identifiable = true;
