@@ -11,7 +11,7 @@ use crate::stream::Stream;
 use crate::{Cause, Finding};
 use mavsight_flight::Vehicle;
 use mavsight_pose::{
-    CameraStream, ClockPrior, Rig, estimate_clocks, informative_stretches_ns, odds_of_stamps,
+    CameraStream, ClockPrior, Rig, StampOdds, estimate_clocks, informative_stretches_ns, odds_of_stamps,
 };
 
 /// Frames before and after a step that come at equal times: as many as make half a second at a low rate.
@@ -41,6 +41,10 @@ pub(crate) const DECISIVE: f64 = 13.8;
 
 /// Part of the time between frames to which a clock is known that is determined, as for clocks.
 const DETERMINED: f64 = 0.125;
+
+/// Part of chi-square by which detections between frames may differ from those of frames: their covariances are good to about a
+/// twentieth of a standard deviation.
+const INTERPOLATED: f64 = 0.1;
 
 /// What happened between two frames.
 enum Break {
@@ -183,7 +187,8 @@ fn what_happened(
         let seen = seen(streams, vehicle);
         let odds = |by_s: f64| {
             let with = moved(&seen, camera, stream.stamps_ns[at], -ns(by_s));
-            odds_of_stamps(rig, &body_markers(vehicle), camera, [&seen, &with]).unwrap_or(0.0)
+            let odds = odds_of_stamps(rig, &body_markers(vehicle), camera, [&seen, &with]);
+            odds.map_or(0.0, |odds| beyond_doubt(odds, by_s / interval_s))
         };
         decided = likeliest(&steps[..compared], odds);
     }
@@ -201,6 +206,13 @@ fn what_happened(
     } else {
         Some(Break::Undecided(ns(set_s)))
     }
+}
+
+/// What odds of a step of so many frames are, less what may be of the interpolation between frames.
+fn beyond_doubt(odds: StampOdds, frames: f64) -> f64 {
+    let is_same_phase = (frames - frames.round()).abs() < OUT_OF_BEAT;
+    let doubt = if is_same_phase { 0.0 } else { INTERPOLATED * odds.chi_square };
+    odds.lead.signum() * (odds.lead.abs() - doubt).max(0.0)
 }
 
 /// The step that is likeliest, the first where none is decidedly more so, and twice the logarithm of its odds against none.

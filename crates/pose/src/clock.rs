@@ -8,7 +8,7 @@ mod search;
 mod tests;
 mod types;
 
-pub use compare::odds_of_stamps;
+pub use compare::{StampOdds, odds_of_stamps};
 pub use path::{PathPoint, PathVelocity, PixelPath};
 pub use types::{
     CameraClock, CameraStream, ClockEstimate, ClockPrior, ClockVerdict, QUARTZ_DRIFT_STD, image_middle,

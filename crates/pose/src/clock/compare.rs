@@ -5,8 +5,16 @@ use super::search;
 use super::types::{CameraClock, CameraStream};
 use crate::{BodyMarker, Rig};
 
-/// By how much what all cameras saw speaks for the second of two readings of one camera's time stamps: twice the logarithm of the
-/// odds. None where too little of the flight is seen by two cameras by either reading.
+/// How much what all cameras saw speaks for one of two readings of a camera's time stamps.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StampOdds {
+    /// Twice the logarithm of the odds of the second against the first.
+    pub lead: f64,
+    /// Chi-square of what the better one leaves.
+    pub chi_square: f64,
+}
+
+/// How much what all cameras saw speaks for the second of two readings of one camera's time stamps. None where too little of the flight is seen by two cameras by either reading.
 ///
 /// Each reading is given the clocks, the poses and the systematic errors of the centres that fit it best, over the whole flight.
 /// What is compared is the chi-square of the reprojection errors that remain, at instants of the other cameras that both
@@ -18,7 +26,7 @@ pub fn odds_of_stamps(
     markers: &[BodyMarker],
     camera: usize,
     [first, second]: [&[CameraStream]; 2],
-) -> Option<f64> {
+) -> Option<StampOdds> {
     if first.len() != rig.cameras.len() || second.len() != rig.cameras.len() {
         return None;
     }
@@ -32,8 +40,10 @@ pub fn odds_of_stamps(
     let scale = by_first.scale.min(by_second.scale).max(1.0);
     (by_first.scale, by_second.scale) = (scale, scale);
     let remain = std::iter::zip(by_first.losses(&first_clocks), by_second.losses(&second_clocks));
-    let apart: Vec<f64> = remain.filter_map(|(a, b)| Some(a? - b?)).collect();
-    (apart.len() >= LEAST_INSTANTS).then(|| apart.iter().sum::<f64>() / scale)
+    let both: Vec<(f64, f64)> = remain.filter_map(|(a, b)| a.zip(b)).collect();
+    let (first, second) = both.iter().fold((0.0, 0.0), |sum, (a, b)| (sum.0 + a, sum.1 + b));
+    let odds = || StampOdds { lead: (first - second) / scale, chi_square: first.min(second) / scale };
+    (both.len() >= LEAST_INSTANTS).then(odds)
 }
 
 /// At fewer instants a median says little of the noise.
