@@ -38,8 +38,9 @@ impl Stream {
             frames.swap(best, best + 1);
             (is_moved[best], is_moved[best + 1]) = (true, true);
             exchanged.push(best);
-            for k in best.saturating_sub(FIFTH.len())..(best + FIFTH.len()).min(frames.len()) {
-                gains[k] = self.gain(&frames, k, usual);
+            let from = best.saturating_sub(FIFTH.len());
+            for (k, gain) in gains.iter_mut().enumerate().skip(from).take(2 * FIFTH.len()) {
+                *gain = self.gain(&frames, k, usual);
             }
         }
         let first_s = self.stamps_ns[*exchanged.iter().min()?] as f64 * 1e-9;
