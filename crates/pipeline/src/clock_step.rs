@@ -3,20 +3,32 @@
 //! The frames of a camera come at equal times, less some that are missing. A clock that is set leaves a time between two
 //! frames that is no multiple of theirs, and so does a camera that pauses. Which of them it was, the flight shows: by a
 //! clock that was set, the aircraft is elsewhere from then on. A clock that is set by a whole number of frames looks as if
-//! frames were missing or came twice: it is found where the flight shows it decidedly.
+//! frames were missing or came twice: it is found where the flight shows it decidedly. How far from a whole number is
+//! distinguished, the film says by how regularly its other frames come.
 
 use crate::markers::{MarkerColors, body_markers};
 use crate::stream::Stream;
 use crate::{Cause, Finding};
 use mavsight_flight::Vehicle;
-use mavsight_pose::{ClockPrior, Rig, estimate_clocks, informative_stretches_ns};
+use mavsight_pose::{
+    CameraStream, ClockPrior, Rig, StampOdds, estimate_clocks, informative_stretches_ns, odds_of_stamps,
+};
 
 /// Frames before and after a step that come at equal times: as many as make half a second at a low rate.
 const REGULAR_FRAMES: usize = 8;
 
 /// Part of the time between frames by which a step leaves their beat: what is less matters less than the eighth of it to
-/// which clocks are determined.
+/// which clocks are determined. Where frames are missing less of it shows that not all of the time is theirs, as far as the
+/// film is regular.
 pub(crate) const OUT_OF_BEAT: f64 = 0.1;
+
+/// Least part of the time between frames that is taken for a departure from their beat: a container's ticks are up to 1 ms,
+/// and what is exact to its last digit is not more regular than that for being short.
+const LEAST_DEPARTURE: f64 = 1e-3;
+
+/// Missing frames beside a set clock that are compared by what remains of reprojection errors: a clock that is set just where
+/// many frames are lost is two faults at once.
+const MOST_COMPARED: usize = 3;
 
 /// Steps of one camera that are looked for: more of them are a clock that is no clock.
 const MOST_STEPS: usize = 3;
@@ -30,6 +42,14 @@ pub(crate) const DECISIVE: f64 = 13.8;
 /// Part of the time between frames to which a clock is known that is determined, as for clocks.
 const DETERMINED: f64 = 0.125;
 
+/// Part of chi-square by which detections between frames may differ from those of frames: their covariances are good to about a
+/// twentieth of a standard deviation.
+const INTERPOLATED: f64 = 0.1;
+
+/// Twice the logarithm of how much oftener frames are lost than a clock is set by just as many of them, a thousand times: of
+/// all places where frames are missing the flight decides some by chance.
+const USUAL_LOSS: f64 = 13.8;
+
 /// What happened between two frames.
 enum Break {
     /// The clock was set ahead, by nanoseconds.
@@ -41,11 +61,12 @@ enum Break {
 }
 
 /// Takes the steps of the cameras' clocks out of their time stamps where the flight shows them, and says which. Where it does
-/// not show whether a clock was set, what the camera filmed from there on is left out. Of the first camera, with which the
-/// others are compared, no step is known.
+/// not show whether a clock was set, what the camera filmed from there on is left out. The first camera, by whose clock the
+/// others' are known, comes last.
 pub(crate) fn set_right(streams: &mut [Stream], rig: &Rig, vehicle: &Vehicle) -> Vec<Finding> {
     let mut findings = Vec::new();
-    for camera in 1..streams.len() {
+    let cameras = if streams.len() > 1 { streams.len() } else { 0 };
+    for camera in (1..cameras).chain(0..cameras.min(1)) {
         for _ in 0..MOST_STEPS {
             let happened =
                 |place: Place| Some((place.at, what_happened(streams, camera, place, rig, vehicle)?));
@@ -100,13 +121,28 @@ struct Place {
     frames: usize,
 }
 
+/// Mean time between frames that come one after another, and the largest departure of one of those from it, in parts of it.
+fn beat(stream: &Stream) -> (f64, f64) {
+    let usual_ns = stream.interval_s() * 1e9;
+    let departure = |step_ns: f64, beat_ns: f64| (step_ns / beat_ns - 1.0).abs();
+    let steps = stream.stamps_ns.windows(2).map(|w| (w[1] - w[0]) as f64);
+    let regular: Vec<f64> = steps.filter(|step| departure(*step, usual_ns) <= OUT_OF_BEAT).collect();
+    if regular.is_empty() {
+        return (usual_ns * 1e-9, OUT_OF_BEAT);
+    }
+    let beat_ns = regular.iter().sum::<f64>() / regular.len() as f64;
+    (beat_ns * 1e-9, regular.iter().map(|step| departure(*step, beat_ns)).fold(0.0, f64::max))
+}
+
 /// Frames before which the beat is broken, and then those at which frames are missing or came twice, the most first; the frames
 /// are regular on both sides.
 fn places(stream: &Stream) -> Vec<Place> {
-    let interval_ns = stream.interval_s() * 1e9;
+    let (beat_s, departure) = beat(stream);
     let place = |(k, w): (usize, &[i64])| {
-        let (at, beats) = (k + 1, (w[1] - w[0]) as f64 / interval_ns);
-        let is_off = (beats - beats.round()).abs() > OUT_OF_BEAT || beats < 0.5;
+        let (at, beats) = (k + 1, (w[1] - w[0]) as f64 * 1e-9 / beat_s);
+        // Twice what no frame that came alone departs by, for each of those that did not come.
+        let limit = (2.0 * departure * beats.max(1.0)).clamp(LEAST_DEPARTURE, OUT_OF_BEAT);
+        let is_off = (beats - beats.round()).abs() > limit || beats < 0.5;
         let frames = backward(stream, at) + (beats.round() as usize).saturating_sub(1);
         (is_off || frames > 0).then_some(Place { at, is_whole: !is_off, frames })
     };
@@ -134,38 +170,39 @@ fn backward(stream: &Stream, at: usize) -> usize {
 fn what_happened(
     streams: &[Stream],
     camera: usize,
-    Place { at, is_whole, .. }: Place,
+    place: Place,
     rig: &Rig,
     vehicle: &Vehicle,
 ) -> Option<Break> {
+    let Place { at, is_whole, .. } = place;
     let stream = &streams[camera];
-    let interval_s = stream.interval_s();
+    let (interval_s, _) = beat(stream);
     let gap_s = (stream.stamps_ns[at] - stream.stamps_ns[at - 1]) as f64 * 1e-9;
     // Frames whose stamps were not after those before them came in between; those are in the new beat.
     let backward = backward(stream, at);
     let by_s = |missing: usize| gap_s - (1 + backward + missing) as f64 * interval_s;
     let ns = |by_s: f64| (by_s * 1e9).round() as i64;
-    let after = clock_of(streams, camera, at..stream.stamps_ns.len(), rig, vehicle);
-    let before = match stream.clock.offset_std_s {
-        0.0 => Some((stream.clock.clock.offset_s, 0.0)),
-        _ => clock_of(streams, camera, 0..at, rig, vehicle),
-    };
-    // A clock that is less than determined may be anywhere: its estimate is near its start. By whole frames it has to be known
-    // as well as decides between none and all of them.
-    let limit_s = if is_whole { by_s(0).abs() / DECISIVE.sqrt() } else { DETERMINED * interval_s };
-    let is_determined = |c: &(f64, f64)| c.1 <= limit_s;
-    let (ahead_s, std_s) = match (before.filter(is_determined), after.filter(is_determined)) {
-        (Some(b), Some(a)) => (a.0 - b.0, b.1.hypot(a.1)),
-        _ => (0.0, f64::INFINITY),
-    };
-    let square = |by_s: f64| ((ahead_s - by_s) / std_s).powi(2);
     // No frame is missing, or as many as the flight asks for.
     let most = ((gap_s / interval_s) as usize).saturating_sub(1);
-    let best = (0..=most).map(by_s).min_by(|a, b| square(*a).total_cmp(&square(*b))).unwrap_or(by_s(0));
-    let set_s = if square(by_s(0)) - square(best) < DECISIVE { by_s(0) } else { best };
+    let steps: Vec<f64> = (0..=most).map(by_s).collect();
+    let mut decided = by_clocks(streams, camera, (place, interval_s), &steps, rig, vehicle);
+    if decided.1.abs() < DECISIVE {
+        let compared = if is_whole { 1 } else { (1 + MOST_COMPARED).min(steps.len()) };
+        let seen = seen(streams, vehicle);
+        let odds = |by_s: f64| {
+            let with = moved(&seen, camera, stream.stamps_ns[at], -ns(by_s));
+            let odds = odds_of_stamps(rig, &body_markers(vehicle), camera, [&seen, &with]);
+            let lead = odds.map_or(0.0, |odds| beyond_doubt(odds, by_s / interval_s));
+            if is_whole && backward == 0 { lead - USUAL_LOSS } else { lead }
+        };
+        decided = likeliest(&steps[..compared], odds);
+    }
+    let (set_s, lead) = decided;
     // No time passes backward; but frames may be written twice.
-    let lead = if backward > 0 && !is_whole { f64::INFINITY } else { square(0.0) - square(set_s) };
-    if lead >= DECISIVE {
+    let lead = if backward > 0 && !is_whole { f64::INFINITY } else { lead };
+    if set_s.abs() < OUT_OF_BEAT * interval_s {
+        None
+    } else if lead >= DECISIVE {
         Some(Break::Set(ns(set_s)))
     } else if lead <= -DECISIVE || (is_whole && backward == 0) {
         None
@@ -174,6 +211,67 @@ fn what_happened(
     } else {
         Some(Break::Undecided(ns(set_s)))
     }
+}
+
+/// What odds of a step of so many frames are, less what may be of the interpolation between frames.
+fn beyond_doubt(odds: StampOdds, frames: f64) -> f64 {
+    let is_same_phase = (frames - frames.round()).abs() < OUT_OF_BEAT;
+    let doubt = if is_same_phase { 0.0 } else { INTERPOLATED * odds.chi_square };
+    odds.lead.signum() * (odds.lead.abs() - doubt).max(0.0)
+}
+
+/// The step that is likeliest, the first where none is decidedly more so, and twice the logarithm of its odds against none.
+fn likeliest(steps_s: &[f64], odds: impl Fn(f64) -> f64) -> (f64, f64) {
+    let all: Vec<(f64, f64)> = steps_s.iter().map(|by_s| (*by_s, odds(*by_s))).collect();
+    let better = |a: (f64, f64), b: (f64, f64)| if b.1 > a.1 { b } else { a };
+    let Some(best) = all.iter().copied().reduce(better) else { return (0.0, 0.0) };
+    all.into_iter().take(1).find(|first| best.1 - first.1 < DECISIVE).unwrap_or(best)
+}
+
+/// [`likeliest`] by the clock before and after a place, as each part of the flight shows it.
+fn by_clocks(
+    streams: &[Stream],
+    camera: usize,
+    (Place { at, is_whole, .. }, interval_s): (Place, f64),
+    steps_s: &[f64],
+    rig: &Rig,
+    vehicle: &Vehicle,
+) -> (f64, f64) {
+    let stream = &streams[camera];
+    let after = clock_of(streams, camera, at..stream.stamps_ns.len(), rig, vehicle);
+    let before = match stream.clock.offset_std_s {
+        0.0 => Some((stream.clock.clock.offset_s, 0.0)),
+        _ => clock_of(streams, camera, 0..at, rig, vehicle),
+    };
+    // A clock that is less than determined may be anywhere: its estimate is near its start. By whole frames it has to be known
+    // as well as decides between none and all of them.
+    let whole_s = steps_s.first().map_or(0.0, |by_s| by_s.abs() / DECISIVE.sqrt());
+    let limit_s = if is_whole { whole_s } else { DETERMINED * interval_s };
+    let is_determined = |c: &(f64, f64)| c.1 <= limit_s;
+    let (ahead_s, std_s) = match (before.filter(is_determined), after.filter(is_determined)) {
+        (Some(b), Some(a)) => (a.0 - b.0, b.1.hypot(a.1)),
+        _ => (0.0, f64::INFINITY),
+    };
+    let square = |by_s: f64| ((ahead_s - by_s) / std_s).powi(2);
+    likeliest(steps_s, |by_s| square(0.0) - square(by_s))
+}
+
+/// What the estimation of clocks needs of all cameras.
+fn seen(streams: &[Stream], vehicle: &Vehicle) -> Vec<CameraStream> {
+    let colors = MarkerColors::of(vehicle);
+    let spans_ns = streams.iter().map(Stream::span_ns);
+    let span_ns = spans_ns.reduce(|all, s| (all.0.min(s.0), all.1.max(s.1))).unwrap_or_default();
+    let stretches_ns = informative_stretches_ns(span_ns);
+    streams.iter().map(|stream| stream.camera_stream(&colors, &stretches_ns)).collect()
+}
+
+/// The same with the time stamps of a camera moved from one on.
+fn moved(seen: &[CameraStream], camera: usize, from_ns: i64, by_ns: i64) -> Vec<CameraStream> {
+    let mut out = seen.to_vec();
+    for o in out[camera].observations.iter_mut().filter(|o| o.t_ns >= from_ns) {
+        o.t_ns += by_ns;
+    }
+    out
 }
 
 /// The offset of a camera's clock by some of its frames, of which nothing is known before, and its standard deviation.
@@ -246,9 +344,41 @@ mod tests {
         }
     }
 
-    /// Before a flight at rest nothing shows whether a clock was set back by whole frames: its stamps were taken as they were.
+    /// Of the first camera, by whose clock the others' are known, no step was looked for.
     #[test]
-    fn a_camera_whose_stamps_went_back_by_whole_frames_is_left_out_where_nothing_shows_why() {
+    fn a_clock_of_the_first_camera_that_was_set_is_set_right() {
+        let sound = streams()[0].stamps_ns.clone();
+        for by_ms in [20, 100, 150] {
+            let mut stepped = streams();
+            stepped[0].move_stamps(70, by_ms * 1_000_000);
+            let findings = found(&mut stepped);
+            let [one] = &findings[..] else { panic!("{by_ms} ms: {findings:?}") };
+            assert_eq!((one.cause(), one.camera), (Some(Cause::ClockStep), Some(0)), "{}", one.note);
+            let apart_ns = stepped[0].stamps_ns.iter().zip(&sound).map(|(a, b)| (a - b).abs()).max();
+            assert!(apart_ns < Some(1_000_000), "{by_ms} ms: {apart_ns:?} ns");
+        }
+    }
+
+    /// A step of nearly whole frames was taken for frames that are missing: the aircraft was centimetres from where it was said
+    /// to be. Of a film whose frames come to the nanosecond, a twentieth of a frame is no missing frame.
+    #[test]
+    fn a_camera_set_by_nearly_whole_frames_is_left_out_where_nothing_shows_it() {
+        let mut resting = at_rest();
+        resting[1].move_stamps(70, 31_600_000);
+        let findings = found(&mut resting);
+        let [one] = &findings[..] else { panic!("{findings:?}") };
+        assert_eq!(one.causes, [Cause::ClockStep, Cause::CameraPaused], "{}", one.note);
+        assert_eq!(resting[1].stamps_ns.len(), 70);
+        // Of a film whose frames come a twentieth of their time late by turns, it may be one.
+        let mut irregular = at_rest();
+        let late = |k: usize| if k % 3 == 1 { 1_500_000 } else { 0 };
+        irregular[1].stamps_ns.iter_mut().enumerate().for_each(|(k, t)| *t += late(k));
+        irregular[1].move_stamps(70, 31_600_000);
+        assert_eq!(found(&mut irregular), vec![]);
+    }
+
+    /// Three cameras before an aircraft that does not move.
+    fn at_rest() -> Vec<Stream> {
         let mut resting = streams();
         for stream in &mut resting {
             let first: Vec<_> = stream.detections[..4].to_vec();
@@ -257,6 +387,13 @@ mod tests {
             };
             stream.detections.iter_mut().enumerate().for_each(rest);
         }
+        resting
+    }
+
+    /// Before a flight at rest nothing shows whether a clock was set back by whole frames: its stamps were taken as they were.
+    #[test]
+    fn a_camera_whose_stamps_went_back_by_whole_frames_is_left_out_where_nothing_shows_why() {
+        let mut resting = at_rest();
         let backward_ns = resting[1].stamps_ns[65..70].to_vec();
         resting[1] = with_frames(&resting[1], 1, |k| !(70..75).contains(&k));
         backward_ns.iter().for_each(|t| resting[1].add_backward(*t));

@@ -7,6 +7,7 @@ use mavsight_geometry::{Matrix2, Vector2};
 use mavsight_pose::{CameraStream, ClockPrior, MarkerObservation, TrackedDetection};
 
 mod frozen;
+mod order;
 
 pub(crate) use frozen::leave_out_still;
 

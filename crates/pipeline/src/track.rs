@@ -144,8 +144,9 @@ pub(crate) fn joined(
     let mut found: Vec<Finding> = streams.iter().filter_map(Stream::frozen).collect();
     found.extend(leave_out_still(&mut streams));
     found.extend(pushed::leave_out(&mut streams, &colors));
+    let in_order: Vec<String> = streams.iter_mut().filter_map(Stream::set_in_order).collect();
     found.extend(clock_step::set_right(&mut streams, rig, vehicle));
-    notes.splice(0..0, streams.iter().flat_map(Stream::notes));
+    notes.splice(0..0, streams.iter().flat_map(Stream::notes).chain(in_order));
     let spans_ns = streams.iter().map(Stream::span_ns);
     let span_ns = spans_ns.reduce(|all, s| (all.0.min(s.0), all.1.max(s.1))).unwrap_or_default();
     let stretches_ns = informative_stretches_ns(span_ns);

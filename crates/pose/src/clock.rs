@@ -1,5 +1,6 @@
 //! Clocks of cameras that were not started together: how late, how fast, and how slowly their rows are read.
 
+mod compare;
 mod equations;
 mod path;
 mod search;
@@ -7,6 +8,7 @@ mod search;
 mod tests;
 mod types;
 
+pub use compare::{StampOdds, odds_of_stamps};
 pub use path::{PathPoint, PathVelocity, PixelPath};
 pub use types::{
     CameraClock, CameraStream, ClockEstimate, ClockPrior, ClockVerdict, QUARTZ_DRIFT_STD, image_middle,

@@ -33,7 +33,7 @@ pub use calibrate::{
 };
 pub use clock::{
     CameraClock, CameraStream, ClockEstimate, ClockPrior, ClockVerdict, PathPoint, PathVelocity, PixelPath,
-    QUARTZ_DRIFT_STD, estimate_clocks, image_middle, informative_stretches_ns,
+    QUARTZ_DRIFT_STD, StampOdds, estimate_clocks, image_middle, informative_stretches_ns, odds_of_stamps,
 };
 pub use detection::{MarkerObservation, TrackedDetection};
 pub use distances::{

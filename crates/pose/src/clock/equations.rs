@@ -10,7 +10,7 @@ use nalgebra::{DMatrix, DVector};
 use std::collections::HashSet;
 
 /// Instants that are looked at: beyond these more add little.
-const MOST_INSTANTS: usize = 2000;
+pub(super) const MOST_INSTANTS: usize = 2000;
 
 /// Parts of the flight over which errors may last.
 const BLOCKS: usize = 24;
@@ -98,7 +98,7 @@ pub(super) struct Problem<'a> {
     pub(super) instants: Vec<f64>,
     pub(super) poses: Vec<Option<Isometry3<f64>>>,
     /// Observations whose paths leap.
-    leaping: HashSet<InPath>,
+    pub(super) leaping: HashSet<InPath>,
     /// Systematic error of each centre: camera by camera, two a marker.
     pub(super) systematic_px: DVector<f64>,
     /// Factor on the claimed variances.
@@ -237,6 +237,14 @@ impl<'a> Problem<'a> {
             self.add(&mut sums, &views, unknowns, k);
         }
         sums
+    }
+
+    /// What reprojection errors remain of each instant under some clocks; none of one without a pose by two cameras.
+    pub(super) fn losses(&self, clocks: &[CameraClock]) -> Vec<Option<f64>> {
+        let (paths, mut views) = (self.paths(clocks), Vec::new());
+        let all: Vec<usize> = (0..self.streams.len()).collect();
+        let at = |k: usize| Some(self.pose_of(&paths, k, &all, &mut views)?.loss);
+        (0..self.instants.len()).map(at).collect()
     }
 
     /// The pose nearest to a start that fits the views best, with bounded influence.

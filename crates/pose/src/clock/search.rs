@@ -84,6 +84,30 @@ pub(super) fn solve(problem: &mut Problem<'_>, out: &mut [ClockEstimate]) {
     conclude(problem, &found, &unknowns, &drift_std, out);
 }
 
+/// The clocks that fit best, with the problem's poses and systematic errors; `None` where nothing is seen by two cameras.
+pub(super) fn fitted(problem: &mut Problem<'_>) -> Option<Vec<CameraClock>> {
+    let mut clocks: Vec<CameraClock> = problem.streams.iter().map(|s| s.prior.clock).collect();
+    problem.find_poses(&clocks);
+    for (camera, _) in free_offsets(problem) {
+        coarse(problem, &mut clocks, camera);
+    }
+    problem.leave_out_leaps(&clocks);
+    refitted(problem, clocks)
+}
+
+/// [`fitted`] from clocks that are near.
+pub(super) fn refitted(problem: &mut Problem<'_>, clocks: Vec<CameraClock>) -> Option<Vec<CameraClock>> {
+    let free = free_offsets(problem);
+    // Where no clock is unknown the first step to the systematic errors is the last.
+    let found = descend(problem, clocks, &free)?;
+    Some(descend(problem, found.clocks, &free)?.clocks)
+}
+
+fn free_offsets(problem: &Problem<'_>) -> Vec<Unknown> {
+    let is_free = |k: &usize| problem.streams[*k].prior.offset_std_s > 0.0;
+    (1..problem.streams.len()).filter(is_free).map(|k| (k, OFFSET)).collect()
+}
+
 /// Tries offsets of one camera half a frame apart against the first camera, and takes one that is much better
 /// than the start.
 fn coarse(problem: &mut Problem<'_>, clocks: &mut [CameraClock], camera: usize) {
