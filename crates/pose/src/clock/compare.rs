@@ -14,13 +14,13 @@ pub struct StampOdds {
     pub chi_square: f64,
 }
 
-/// How much what all cameras saw speaks for the second of two readings of one camera's time stamps. None where too little of the flight is seen by two cameras by either reading.
+/// How much what all cameras saw speaks for the second of two readings of one camera's time stamps. None where
+/// either reading lets two cameras see too little of the flight.
 ///
 /// Each reading is given the clocks, the poses and the systematic errors of the centres that fit it best, over the whole flight.
 /// What is compared is the chi-square of the reprojection errors that remain, at instants of the other cameras that both
-/// readings explain, in units of what the better one leaves where that is more than is claimed. Nothing is taken from the
-/// speed of a ball in its image, which is lost in noise of a slow flight: a step that is known to a part of a frame needs no
-/// derivative.
+/// readings explain, in units of what the better one leaves where that is more than is claimed. The speed of a ball
+/// in its image is not used: in a slow flight it is lost in noise, and a step that is one of few needs no derivative.
 pub fn odds_of_stamps(
     rig: &Rig,
     markers: &[BodyMarker],
