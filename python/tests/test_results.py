@@ -85,8 +85,8 @@ def test_plots_are_drawn(results):
     assert len(figure.axes) == 4
     figure.canvas.draw()
     band = mavsight.plot.angles(results).collections[0].get_paths()[0].vertices[:, 1]
-    half = 1.96 * np.degrees(results.motion.std[:, 3])
-    assert np.isclose(band.max() - band.min(), np.ptp(np.degrees(results.motion.state[:, 3])) + 2 * half.mean(), rtol=0.2)
+    roll, half = np.degrees(results.motion.state[:, 3]), 1.96 * np.degrees(results.motion.std[:, 3])
+    assert np.isclose(band.max() - band.min(), (roll + half).max() - (roll - half).min(), rtol=0.01)
     with pytest.raises(ValueError, match="no parameters"):
         mavsight.plot.parameters(results, "nobody")
 
