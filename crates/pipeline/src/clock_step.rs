@@ -65,8 +65,10 @@ enum Break {
 /// others' are known, comes last.
 pub(crate) fn set_right(streams: &mut [Stream], rig: &Rig, vehicle: &Vehicle) -> Vec<Finding> {
     let mut findings = Vec::new();
-    let cameras = if streams.len() > 1 { streams.len() } else { 0 };
-    for camera in (1..cameras).chain(0..cameras.min(1)) {
+    if streams.len() < 2 {
+        return findings;
+    }
+    for camera in (1..streams.len()).chain([0]) {
         for _ in 0..MOST_STEPS {
             let happened =
                 |place: Place| Some((place.at, what_happened(streams, camera, place, rig, vehicle)?));
@@ -224,8 +226,10 @@ fn beyond_doubt(odds: StampOdds, frames: f64) -> f64 {
 fn likeliest(steps_s: &[f64], odds: impl Fn(f64) -> f64) -> (f64, f64) {
     let all: Vec<(f64, f64)> = steps_s.iter().map(|by_s| (*by_s, odds(*by_s))).collect();
     let better = |a: (f64, f64), b: (f64, f64)| if b.1 > a.1 { b } else { a };
-    let Some(best) = all.iter().copied().reduce(better) else { return (0.0, 0.0) };
-    all.into_iter().take(1).find(|first| best.1 - first.1 < DECISIVE).unwrap_or(best)
+    let (Some(first), Some(best)) = (all.first().copied(), all.iter().copied().reduce(better)) else {
+        return (0.0, 0.0);
+    };
+    if best.1 - first.1 < DECISIVE { first } else { best }
 }
 
 /// [`likeliest`] by the clock before and after a place, as each part of the flight shows it.
