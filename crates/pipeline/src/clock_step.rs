@@ -7,7 +7,7 @@
 //! distinguished, the film says by how regularly its other frames come.
 
 use crate::markers::{MarkerColors, body_markers};
-use crate::stream::Stream;
+use crate::stream::{Stream, camera_streams};
 use crate::{Cause, Finding};
 use mavsight_flight::Vehicle;
 use mavsight_pose::{
@@ -190,7 +190,7 @@ fn what_happened(
     let mut decided = by_clocks(streams, camera, (place, interval_s), &steps, rig, vehicle);
     if decided.1.abs() < DECISIVE {
         let compared = if is_whole { 1 } else { (1 + MOST_COMPARED).min(steps.len()) };
-        let seen = seen(streams, vehicle);
+        let seen = camera_streams(streams, &MarkerColors::of(vehicle));
         let odds = |by_s: f64| {
             let with = moved(&seen, camera, stream.stamps_ns[at], -ns(by_s));
             let odds = odds_of_stamps(rig, &body_markers(vehicle), camera, [&seen, &with]);
@@ -260,16 +260,7 @@ fn by_clocks(
     likeliest(steps_s, |by_s| square(0.0) - square(by_s))
 }
 
-/// What the estimation of clocks needs of all cameras.
-fn seen(streams: &[Stream], vehicle: &Vehicle) -> Vec<CameraStream> {
-    let colors = MarkerColors::of(vehicle);
-    let spans_ns = streams.iter().map(Stream::span_ns);
-    let span_ns = spans_ns.reduce(|all, s| (all.0.min(s.0), all.1.max(s.1))).unwrap_or_default();
-    let stretches_ns = informative_stretches_ns(span_ns);
-    streams.iter().map(|stream| stream.camera_stream(&colors, &stretches_ns)).collect()
-}
-
-/// The same with the time stamps of a camera moved from one on.
+/// What was seen, with the time stamps of a camera moved from one on.
 fn moved(seen: &[CameraStream], camera: usize, from_ns: i64, by_ns: i64) -> Vec<CameraStream> {
     let mut out = seen.to_vec();
     for o in out[camera].observations.iter_mut().filter(|o| o.t_ns >= from_ns) {

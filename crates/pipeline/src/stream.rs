@@ -4,7 +4,9 @@ use crate::PipelineError;
 use crate::feed::{Clap, usual_interval_ns};
 use crate::markers::MarkerColors;
 use mavsight_geometry::{Matrix2, Vector2};
-use mavsight_pose::{CameraStream, ClockPrior, MarkerObservation, TrackedDetection};
+use mavsight_pose::{
+    CameraStream, ClockPrior, MarkerObservation, TrackedDetection, informative_stretches_ns,
+};
 
 mod frozen;
 mod order;
@@ -381,6 +383,14 @@ pub(crate) fn refuse_one_recording_twice(streams: &[Stream]) -> Result<(), Pipel
         }
     }
     Ok(())
+}
+
+/// What the estimation of clocks needs of all cameras.
+pub(crate) fn camera_streams(streams: &[Stream], colors: &MarkerColors) -> Vec<CameraStream> {
+    let spans_ns = streams.iter().map(Stream::span_ns);
+    let span_ns = spans_ns.reduce(|all, s| (all.0.min(s.0), all.1.max(s.1))).unwrap_or_default();
+    let stretches_ns = informative_stretches_ns(span_ns);
+    streams.iter().map(|stream| stream.camera_stream(colors, &stretches_ns)).collect()
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use crate::associate::{FlightAssociator, Instant};
 use crate::markers::{MarkerColors, body_markers};
 use crate::misfit::ClockEvidence;
 use crate::reconstruct::Reconstruction;
-use crate::stream::{Stream, leave_out_still, refuse_one_recording_twice};
+use crate::stream::{Stream, camera_streams, leave_out_still, refuse_one_recording_twice};
 use crate::tracked::Tracked;
 use crate::tracker::{CameraTracker, TrackedFrame};
 use crate::watch::CameraWatch;
@@ -13,9 +13,7 @@ use crate::{
     synchronize,
 };
 use mavsight_flight::Vehicle;
-use mavsight_pose::{
-    CameraClock, CameraStream, ClockVerdict, Rig, estimate_clocks, informative_stretches_ns,
-};
+use mavsight_pose::{CameraClock, ClockVerdict, Rig, estimate_clocks};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
@@ -147,10 +145,7 @@ pub(crate) fn joined(
     let in_order: Vec<String> = streams.iter_mut().filter_map(Stream::set_in_order).collect();
     found.extend(clock_step::set_right(&mut streams, rig, vehicle));
     notes.splice(0..0, streams.iter().flat_map(Stream::notes).chain(in_order));
-    let spans_ns = streams.iter().map(Stream::span_ns);
-    let span_ns = spans_ns.reduce(|all, s| (all.0.min(s.0), all.1.max(s.1))).unwrap_or_default();
-    let stretches_ns = informative_stretches_ns(span_ns);
-    let seen: Vec<CameraStream> = streams.iter().map(|s| s.camera_stream(&colors, &stretches_ns)).collect();
+    let seen = camera_streams(&streams, &colors);
     let clocks = estimate_clocks(rig, &body_markers(vehicle), &seen);
     for (stream, clock) in streams.iter().zip(&clocks) {
         if let ClockVerdict::TooSlow { .. } = clock.verdict {
