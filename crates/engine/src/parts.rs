@@ -90,7 +90,6 @@ mod tests {
             samples: frames.map(sample).collect(),
             unknown_ns: Vec::new(),
             doubts: mavsight_pose::Doubts::default(),
-            near_jumps: Vec::new(),
             translation_bandwidth_hz: 4.0,
             rotation_bandwidth_hz: 5.0,
             sample_interval_s: 1.0 / 30.0,

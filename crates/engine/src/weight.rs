@@ -108,7 +108,6 @@ mod tests {
             samples: (0..50).map(sample).collect(),
             unknown_ns: vec![],
             doubts: Doubts::default(),
-            near_jumps: Vec::new(),
             translation_bandwidth_hz: 5.0,
             rotation_bandwidth_hz: 5.0,
             sample_interval_s: 0.01,

@@ -98,16 +98,16 @@ impl<'a> Flight<'a> {
 
     /// The variance at each row of a source's errors that change: by the smoother's variance of its rate, of
     /// which white errors behind H = 1/(1 + (f/fc)⁶) have (2π fc)²/2 times their own. Systematic errors, such
-    /// as a camera's, are no part of it, nor is what the smoother errs beside a jump of an input: that has passed the same
-    /// low-pass ([`Motion::variances_without_jumps`]).
+    /// as a camera's, are no part of it, nor is what the smoother errs where the aircraft is moved more than on average: inputs
+    /// have passed the same low-pass ([`mavsight_pose::MotionCovariance::noise_variance`]).
     pub(crate) fn variances(&self, source: Source) -> Vec<f64> {
         let (coordinate, hz) = match source {
             Source::Position(axis) => (axis, self.motion.translation_bandwidth_hz),
             Source::Turn(axis) => (3 + axis, self.motion.rotation_bandwidth_hz),
         };
         let per_rate = 2.0 / (2.0 * std::f64::consts::PI * hz).powi(2);
-        let variances = self.motion.variances_without_jumps(coordinate).into_iter().map(|v| per_rate * v);
-        variances.map(|v| if v.is_finite() { v.max(0.0) } else { 0.0 }).collect()
+        let variances = self.of(|s| per_rate * s.covariance.noise_variance(coordinate));
+        variances.into_iter().map(|v| if v.is_finite() { v.max(0.0) } else { 0.0 }).collect()
     }
 
     /// Intervals between times over which the motion cannot be read.

@@ -129,7 +129,6 @@ fn motion(vehicle: &Vehicle, inputs: &InputSeries) -> Motion {
         samples,
         unknown_ns: Vec::new(),
         doubts: mavsight_pose::Doubts::default(),
-        near_jumps: Vec::new(),
         translation_bandwidth_hz: 1e6,
         rotation_bandwidth_hz: 1e6,
         sample_interval_s: 0.02,

@@ -54,6 +54,6 @@ pub use reordered_frames::displacements_of_reordered_frames;
 pub use select::{Selection, select_control_balls};
 pub use smoother::{
     CausalFilter, Doubts, EffectsOf, JerkNoise, Motion, MotionCovariance, MotionNoise, MotionSample,
-    NearJump, RateError, RateSeries, covariance_from_std, euler_std, lowpass_like, motion_noise, smooth,
+    RateError, RateSeries, covariance_from_std, euler_std, lowpass_like, motion_noise, smooth,
     smooth_with_effects, smooth_with_rates,
 };

@@ -8,6 +8,7 @@
 
 mod believed;
 mod causal;
+mod density;
 mod integrator;
 mod jumps;
 mod motion;
@@ -20,7 +21,7 @@ mod whittaker;
 
 pub use causal::CausalFilter;
 pub use integrator::JerkNoise;
-pub use motion::{Doubts, Motion, MotionCovariance, MotionSample, NearJump, covariance_from_std, euler_std};
+pub use motion::{Doubts, Motion, MotionCovariance, MotionSample, covariance_from_std, euler_std};
 pub use noise::motion_noise;
 pub use passes::EffectsOf;
 pub use rates::{RateError, RateSeries};

@@ -221,7 +221,6 @@ mod tests {
             samples: times_ms.iter().map(sample).collect(),
             unknown_ns: vec![],
             doubts: Doubts::default(),
-            near_jumps: Vec::new(),
             translation_bandwidth_hz: 10.0,
             rotation_bandwidth_hz: 10.0,
             sample_interval_s: 0.03,

@@ -11,8 +11,8 @@ use mavsight_geometry::{
     world_from_body,
 };
 use mavsight_pose::{
-    CameraControl, MarkerObservation, Motion, MotionCovariance, MotionSample, NearJump, PoseError,
-    PoseEstimate, PoseSample, Rig, calibrate, euler_std,
+    CameraControl, MarkerObservation, Motion, MotionCovariance, MotionSample, PoseError, PoseEstimate,
+    PoseSample, Rig, calibrate, euler_std,
 };
 use mavsight_session::{
     FlightTable, MarkerAsBuilt, RunResults, read_body, read_flight_table, read_markers, read_motion,
@@ -71,14 +71,12 @@ fn motion() -> Motion {
         rates_rad_s: Vector3::new(4.0, 5.0, 6.0),
         specific_force_m_s2: Vector3::new(7.0, 8.0, -9.8),
         angular_acceleration_rad_s2: Vector3::new(10.0, 11.0, 1e-9),
-        covariance: MotionCovariance::of(&covariance),
+        covariance: MotionCovariance::of(&covariance).with_noise([1e-5, 2e-5, 3e-5, 4e-5, 5e-5, 6e-5]),
     };
-    let near = NearJump { t_ns: sample.t_ns, without: [1e-5, 2e-5, 3e-5, 4e-5, 5e-5, 6e-5] };
     Motion {
         samples: vec![sample],
         unknown_ns: vec![7_000_000_000],
         doubts: mavsight_pose::Doubts::default(),
-        near_jumps: vec![near],
         translation_bandwidth_hz: 3.5,
         rotation_bandwidth_hz: 4.5,
         sample_interval_s: 1.0 / 30.0,
@@ -176,7 +174,8 @@ fn all_tables_survive() {
     let wanted = results.motion.as_ref().unwrap();
     assert_eq!((motion.translation_bandwidth_hz, motion.rotation_bandwidth_hz), (3.5, 4.5));
     assert_eq!((motion.samples.len(), &motion.unknown_ns), (1, &wanted.unknown_ns));
-    assert_eq!(motion.near_jumps, wanted.near_jumps);
+    let noise = |m: &Motion| [0, 3, 5].map(|k| m.samples[0].covariance.noise_variance(k));
+    assert_eq!(noise(&motion), noise(wanted));
     assert_eq!(motion.samples[0].specific_force_m_s2, wanted.samples[0].specific_force_m_s2);
     assert_eq!(motion.samples[0].angular_acceleration_rad_s2, wanted.samples[0].angular_acceleration_rad_s2);
     assert_relative_eq!(motion.samples[0].covariance.variance(17), 1e-4, max_relative = 2e-7);

@@ -284,6 +284,19 @@ fn an_image_sequence_is_timed_by_its_rate() {
     assert!(text.contains("other_%d.jpg") && text.contains("no frames"), "{text}");
 }
 
+/// A file of a few hundred bytes may say that its picture has hundreds of millions of pixels.
+#[test]
+fn a_picture_that_claims_more_than_cameras_film_is_refused_before_it_is_decoded() {
+    let mut jpeg = Vec::new();
+    let encoder = image::codecs::jpeg::JpegEncoder::new(&mut jpeg);
+    image::ImageEncoder::write_image(encoder, &[90; 192], 8, 8, image::ExtendedColorType::Rgb8).unwrap();
+    let header = jpeg.windows(2).position(|w| w == [0xff, 0xc0]).unwrap();
+    let side = 20_000_u16.to_be_bytes();
+    jpeg[header + 5..header + 9].copy_from_slice(&[side, side].concat());
+    let text = read_image(&Folder::new().write("still.jpg", &jpeg)).unwrap_err().to_string();
+    assert!(text.contains("20000×20000, 1200 MB when decoded, and at most 200 MB"), "{text}");
+}
+
 #[test]
 fn an_image_that_is_none_is_refused() {
     let folder = Folder::new();

@@ -249,7 +249,6 @@ pub(super) fn causal_filter(bytes: &[u8]) -> Outcome {
                     samples: vec![sample],
                     unknown_ns: Vec::new(),
                     doubts: mavsight_pose::Doubts::default(),
-                    near_jumps: Vec::new(),
                     translation_bandwidth_hz: 1.0,
                     rotation_bandwidth_hz: 1.0,
                     sample_interval_s: interval,

@@ -66,7 +66,6 @@ fn motion(numbers: &mut Numbers<'_>) -> Motion {
         samples: FLOWN.states.iter().map(sample).collect(),
         unknown_ns: Vec::new(),
         doubts: Doubts::default(),
-        near_jumps: Vec::new(),
         translation_bandwidth_hz: numbers.near(4.0, 2.0),
         rotation_bandwidth_hz: numbers.near(4.0, 2.0),
         sample_interval_s: numbers.near(1.0 / 30.0, 1e-4),

@@ -123,7 +123,6 @@ impl Flown {
             samples: self.states.iter().map(sample).collect(),
             unknown_ns: Vec::new(),
             doubts: mavsight_pose::Doubts::default(),
-            near_jumps: Vec::new(),
             // Beyond any sampling rate: nothing was low-passed.
             translation_bandwidth_hz: 1e6,
             rotation_bandwidth_hz: 1e6,

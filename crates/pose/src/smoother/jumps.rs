@@ -4,10 +4,12 @@
 //! than it claims, for as long as its own response lasts. The steps are found by their auxiliary residuals (Harvey & Koopman
 //! 1992; de Jong & Penzer 1998); there the smoother claims what one would that knows of them.
 
+use crate::smoother::density::{Densities, Energy};
 use crate::smoother::integrator::{CHAIN, white_jerk};
 use crate::smoother::passes::{Flown, backward};
 use crate::smoother::state::{Adjoint, Joint, MotionNoise};
 use crate::{MotionCovariance, MotionSample};
+use mavsight_geometry::Matrix3;
 use nalgebra::{Vector3, Vector6};
 use statrs::function::erf::erfc;
 use std::collections::BTreeMap;
@@ -35,19 +37,26 @@ struct Shock {
     square: f32,
 }
 
+/// What the smoothed jerk shows of a flight under its noise: where it jumps, and how its density changes. `None` where the
+/// arithmetic fails.
+pub(crate) fn disturbances(flown: &Flown<'_>, noise: &MotionNoise) -> Option<(Jumps, Densities)> {
+    let measured: Vec<(usize, i64)> = flown.measured().collect();
+    let (shocks, energies) = shocks(flown, &measured, noise)?;
+    Some((Jumps::of(shocks, &measured), Densities::of(flown, &energies)))
+}
+
 impl Jumps {
-    /// The jumps of a flight under its noise. `None` where the arithmetic fails.
-    pub(crate) fn of(flown: &Flown<'_>, noise: &MotionNoise) -> Option<Self> {
-        let measured: Vec<(usize, i64)> = flown.measured().collect();
+    /// The jumps among the shocks of intervals between measurements.
+    fn of(shocks: Vec<Shock>, measured: &[(usize, i64)]) -> Self {
         let mut jumps = Self::default();
-        for shock in clearest(discovered(shocks(flown, &measured, noise)?)) {
+        for shock in clearest(discovered(shocks)) {
             let interval = &measured[shock.interval as usize..];
             let density = f64::from(shock.size).powi(2) / length_s(interval);
             for before in interval[0].0 + 1..=interval[1].0 {
                 jumps.0.entry(before).or_default()[usize::from(shock.coordinate)] += density;
             }
         }
-        Some(jumps)
+        jumps
     }
 
     pub(crate) fn is_empty(&self) -> bool {
@@ -60,20 +69,29 @@ impl Jumps {
     }
 }
 
-/// What is measured, by numbers of instants and times, says of each coordinate and interval.
-fn shocks(flown: &Flown<'_>, measured: &[(usize, i64)], noise: &MotionNoise) -> Option<Vec<Shock>> {
+/// What is measured, by numbers of instants and times, says of each coordinate and interval between measurements; and what the
+/// smoothed jerk has over the interval before each instant.
+fn shocks(
+    flown: &Flown<'_>,
+    measured: &[(usize, i64)],
+    noise: &MotionNoise,
+) -> Option<(Vec<Shock>, Vec<Energy>)> {
     let mut intervals = measured.windows(2).enumerate().rev().peekable();
-    let mut out = Vec::with_capacity(6 * intervals.len());
+    let mut shocks = Vec::with_capacity(6 * intervals.len());
+    let mut energies = vec![Energy::default(); flown.instants.len()];
     let behind = |instant: usize, later: &Adjoint| {
+        if let Some(dt_s) = flown.interval_s(instant) {
+            energies[instant] = later.energy(dt_s, noise);
+        }
         let Some((number, interval)) = intervals.next_if(|i| i.1[1].0 == instant) else { return };
         let of_coordinate = |coordinate: u8| {
             let (size, square) = later.shock(coordinate.into(), length_s(interval))?;
             Some(Shock { interval: number as u32, coordinate, size: size as f32, square: square as f32 })
         };
-        out.extend((0..6).filter_map(of_coordinate));
+        shocks.extend((0..6).filter_map(of_coordinate));
     };
     backward(flown, noise, |_, _, _| Some(()), behind)?;
-    Some(out)
+    Some((shocks, energies))
 }
 
 fn length_s(interval: &[(usize, i64)]) -> f64 {
@@ -103,7 +121,7 @@ fn clearest(mut called: Vec<Shock>) -> Vec<Shock> {
 pub(crate) fn widened(sample: &MotionSample, knowing: &MotionSample) -> Option<MotionCovariance> {
     let covariance = knowing.covariance.plus_square(&sample.minus(knowing));
     let is_wider = |k: usize| covariance.variance(k) > WIDER * sample.covariance.variance(k);
-    (0..12).any(is_wider).then_some(covariance)
+    (0..12).any(is_wider).then(|| covariance.with_noise_of(&sample.covariance))
 }
 
 impl Joint {
@@ -121,19 +139,24 @@ impl Adjoint {
     /// The change of a coordinate's acceleration, at an even jerk over an interval before the measurements that this knows of,
     /// and its square over its variance: chi-square with one degree of freedom where there is none.
     fn shock(&self, coordinate: usize, dt_s: f64) -> Option<(f64, f64)> {
-        let at = chain_of(coordinate);
         let by = Vector3::new(dt_s * dt_s / 6.0, 0.5 * dt_s, 1.0);
-        let vector = Vector3::from_fn(|i, _| self.vector[at + 3 * i]);
-        let information = self.information.view_with_steps((at, at), (3, 3), (2, 2)).into_owned();
+        let (vector, information) = self.of_coordinate(coordinate);
         let (right, weight) = (-by.dot(&vector), (information * by).dot(&by));
         let found = (right / weight, right * right / weight);
         (weight > 0.0 && found.0.is_finite() && found.1.is_finite()).then_some(found)
+    }
+
+    /// The part of a coordinate's place, its rate and the rate of that: the adjoint state and its information.
+    pub(crate) fn of_coordinate(&self, coordinate: usize) -> (Vector3<f64>, Matrix3<f64>) {
+        let at = chain_of(coordinate);
+        let vector = Vector3::from_fn(|i, _| self.vector[at + 3 * i]);
+        (vector, Matrix3::from_fn(|i, j| self.information[(at + 3 * i, at + 3 * j)]))
     }
 }
 
 /// Where the place of one of the six coordinates of a pose is in the error state; its rate and the rate of that follow in
 /// steps of three.
-fn chain_of(coordinate: usize) -> usize {
+pub(crate) fn chain_of(coordinate: usize) -> usize {
     CHAIN * (coordinate / 3) + coordinate % 3
 }
 

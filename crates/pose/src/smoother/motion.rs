@@ -58,10 +58,15 @@ impl MotionSample {
 ///
 /// Kept in single precision are the 6×6 of the pose, the 6×6 of velocity and rates, and the 3×3 of each of
 /// the accelerations. The default is zero: exact.
+///
+/// Beside them are variances of velocity and rates as errors of poses and the jerk of the whole flight have them. Where the
+/// aircraft is moved more or less than that the smoother errs more or less, and inputs that pass the same low-pass err by the
+/// same: estimators that compare the two weight by [`Self::noise_variance`].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct MotionCovariance {
     six: [[f32; 21]; 2],
     three: [[f32; 6]; 2],
+    noise: [f32; 6],
 }
 
 /// The upper triangle of a square block, by columns.
@@ -87,11 +92,29 @@ impl MotionCovariance {
         Self {
             six: [0, 6].map(|at| packed(|i, j| all[(at + i, at + j)])),
             three: [12, 15].map(|at| packed(|i, j| all[(at + i, at + j)])),
+            noise: std::array::from_fn(|k| all[(6 + k, 6 + k)] as f32),
         }
     }
 
+    /// This covariance with other variances of velocity and rates as the whole flight has them.
+    #[must_use]
+    pub fn with_noise(self, noise: [f32; 6]) -> Self {
+        Self { noise, ..self }
+    }
+
+    pub(crate) fn with_noise_of(self, other: &Self) -> Self {
+        self.with_noise(other.noise)
+    }
+
+    /// The variance of a coordinate of velocity (0 to 2) or rates (3 to 5) as errors of poses and the jerk of the whole flight
+    /// have it.
+    pub fn noise_variance(&self, coordinate: usize) -> f64 {
+        f64::from(self.noise[coordinate])
+    }
+
     fn is_finite(&self) -> bool {
-        self.six.iter().flatten().chain(self.three.iter().flatten()).all(|x| x.is_finite())
+        let blocks = self.six.iter().flatten().chain(self.three.iter().flatten());
+        blocks.chain(&self.noise).all(|x| x.is_finite())
     }
 
     /// Position, then turn.
@@ -136,14 +159,15 @@ impl MotionCovariance {
             let own: Matrix3<f64> = unpacked(&self.three[k]);
             packed(|i, j| own[(i, j)] + error[12 + 3 * k + i] * error[12 + 3 * k + j])
         });
-        Self { six, three }
+        Self { six, three, ..*self }
     }
 
     /// This covariance times a factor.
     #[must_use]
     pub fn scaled(&self, factor: f64) -> Self {
         let by = |value: f32| (f64::from(value) * factor) as f32;
-        Self { six: self.six.map(|t| t.map(by)), three: self.three.map(|t| t.map(by)) }
+        let (six, three) = (self.six.map(|t| t.map(by)), self.three.map(|t| t.map(by)));
+        Self { six, three, noise: self.noise.map(by) }
     }
 }
 
@@ -183,16 +207,6 @@ impl Doubts {
     }
 }
 
-/// A row beside a jump: a change of the acceleration that the noise of the flight does not allow. Its covariance has what the
-/// smoother errs there.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct NearJump {
-    /// Its time.
-    pub t_ns: i64,
-    /// Variances of velocity and rates without that: of what errors of the poses do, and jerk as the rest of the flight has it.
-    pub without: [f32; 6],
-}
-
 /// A smoothed flight.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Motion {
@@ -202,8 +216,6 @@ pub struct Motion {
     pub unknown_ns: Vec<i64>,
     /// Poses and gaps that were not believed.
     pub doubts: Doubts,
-    /// Samples whose covariance a jump of the acceleration has widened, in order.
-    pub near_jumps: Vec<NearJump>,
     /// Frequency at which the smoother passes one half of a position: H = 1/(1 + (f/fc)⁶).
     pub translation_bandwidth_hz: f64,
     /// Frequency at which it passes one half of a rotation.
@@ -213,20 +225,6 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// Variances of a coordinate of velocity (0 to 2) or rates (3 to 5), a sample each, without what the smoother errs beside
-    /// jumps: inputs that pass the same low-pass err by the same there.
-    pub fn variances_without_jumps(&self, coordinate: usize) -> Vec<f64> {
-        let mut near = self.near_jumps.iter().peekable();
-        let variance = |sample: &MotionSample| {
-            while near.next_if(|n| n.t_ns < sample.t_ns).is_some() {}
-            match near.peek().filter(|n| n.t_ns == sample.t_ns) {
-                Some(near) => f64::from(near.without[coordinate]),
-                None => sample.covariance.variance(6 + coordinate),
-            }
-        };
-        self.samples.iter().map(variance).collect()
-    }
-
     /// Longest time from one sample to the next over which the motion can still be read: two usual ones and
     /// half a period of the smoother.
     pub fn longest_step_s(&self) -> f64 {
@@ -288,6 +286,10 @@ mod tests {
         for k in 0..18 {
             assert!(close(kept.variance(k), all[(k, k)]) && kept.variance(k) == kept.variances()[k], "{k}");
             assert!(close(kept.scaled(4.0).variance(k), 4.0 * all[(k, k)]));
+        }
+        for k in 0..6 {
+            assert!(close(kept.noise_variance(k), all[(6 + k, 6 + k)]));
+            assert!(close(kept.scaled(4.0).noise_variance(k), 4.0 * all[(6 + k, 6 + k)]));
         }
     }
 

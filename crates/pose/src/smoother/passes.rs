@@ -78,6 +78,18 @@ impl<'a> Flown<'a> {
         instants.map(|(number, instant)| (number, self.t_ns(*instant)))
     }
 
+    /// Whether rates are measured too.
+    pub(crate) fn has_rates(&self) -> bool {
+        self.rates.is_some()
+    }
+
+    /// Time from the instant before to one, s; the first has none.
+    pub(crate) fn interval_s(&self, instant: usize) -> Option<f64> {
+        let before = instant.checked_sub(1)?;
+        let t_ns = |k: usize| self.t_ns(self.instants[k]);
+        Some((t_ns(instant) - t_ns(before)) as f64 * 1e-9)
+    }
+
     /// Moves a state over the interval before an instant, on or back.
     fn predict(&self, before: usize, dt_s: f64, state: &mut Joint, noise: &MotionNoise) -> [Transition; 2] {
         let transitions = state.predict(dt_s, noise);
@@ -176,11 +188,9 @@ pub(crate) fn forward(
     noise: &MotionNoise,
     state: &mut Joint,
 ) -> Option<Vec<Step>> {
-    let t_ns = |k: usize| flown.t_ns(flown.instants[k]);
     let mut steps = Vec::with_capacity(instants.len());
     for k in instants {
-        let dt_s = k.checked_sub(1).map(|before| (t_ns(k) - t_ns(before)) as f64 * 1e-9);
-        let transitions = dt_s.map(|dt_s| flown.predict(k, dt_s, state, noise));
+        let transitions = flown.interval_s(k).map(|dt_s| flown.predict(k, dt_s, state, noise));
         let updates = flown.update(flown.instants[k], state, noise)?;
         steps.push(Step { filtered: state.clone(), transitions, updates });
     }

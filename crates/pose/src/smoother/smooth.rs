@@ -4,19 +4,17 @@
 //! do, so that it arrives at the rates as their derivative.
 
 use crate::smoother::believed::{Believed, believed};
-use crate::smoother::jumps::{Jumps, widened};
+use crate::smoother::density::Densities;
+use crate::smoother::jumps::{disturbances, widened};
 use crate::smoother::noise::{Likely, NEEDED, check};
 use crate::smoother::passes::{EffectsOf, Flown, each_smoothed};
-use crate::smoother::rates::Rates;
-use crate::smoother::state::Joint;
-use crate::statistics::median;
-use crate::{Motion, MotionSample, NearJump, PoseError, PoseSample, RateSeries};
-use std::ops::Range;
 #[cfg(test)]
-use {
-    crate::MotionNoise,
-    crate::smoother::passes::{forward, informed_start},
-};
+use crate::smoother::passes::{forward, informed_start};
+use crate::smoother::rates::Rates;
+use crate::smoother::state::{Joint, MotionNoise};
+use crate::statistics::median;
+use crate::{Motion, MotionSample, PoseError, PoseSample, RateSeries};
+use std::ops::Range;
 
 mod agree;
 
@@ -84,27 +82,29 @@ fn motion_of(believed: Believed<'_>, effects: EffectsOf<'_>, gravity_m_s2: f64) 
     let parts = known_parts(poses, &anew, &found);
     let is_known = |k: &usize| parts.iter().any(|part| part.contains(k));
     let unknown_ns = (0..poses.len()).filter(|k| !is_known(k)).map(|k| poses[k].t_ns).collect();
-    let mut near_jumps = Vec::new();
     for part in parts.iter().rev().cloned() {
         let (first, flown) = (part.start, &poses[part]);
         let failed = |k: usize| PoseError::BadPose { index: first + k, what: "the smoother's covariance" };
-        let jumps = Jumps::of(&Flown::without_effects(flown, first, found.rates), &found.noise);
+        let without = Flown::without_effects(flown, first, found.rates);
+        let (jumps, densities) = disturbances(&without, &found.noise).ok_or(failed(0))?;
+        let claims = Claims::of(flown, &found, densities, gravity_m_s2);
         let mut flown = Flown::new(flown, first, effects, found.rates);
         let begin = samples.len();
-        let take = |_, sample| {
-            samples.push(sample);
+        let take = |k, state| {
+            samples.push(claims.sample(k, state)?);
             Some(())
         };
-        each_sample(&flown, &found, gravity_m_s2, take).map_err(failed)?;
-        flown.jumps = jumps.ok_or(failed(0))?;
-        if !flown.jumps.is_empty() {
+        each_state(&flown, &found.noise, take).map_err(failed)?;
+        if !jumps.is_empty() {
+            flown.jumps = jumps;
             let own = &mut samples[begin..];
             let last = own.len() - 1;
-            let widen = |k: usize, knowing| {
-                near_jumps.extend(beside_jump(&mut own[last - k], &knowing));
-                own[last - k].is_finite().then_some(())
+            let widen = |k: usize, state| {
+                let sample = &mut own[last - k];
+                sample.covariance = widened(sample, &claims.sample(k, state)?).unwrap_or(sample.covariance);
+                sample.is_finite().then_some(())
             };
-            each_sample(&flown, &found, gravity_m_s2, widen).map_err(failed)?;
+            each_state(&flown, &found.noise, widen).map_err(failed)?;
         }
     }
     if samples.is_empty() {
@@ -112,44 +112,60 @@ fn motion_of(believed: Believed<'_>, effects: EffectsOf<'_>, gravity_m_s2: f64) 
         return Err(PoseError::TooFewPoses { measured, samples: poses.len(), needed: NEEDED });
     }
     samples.reverse();
-    near_jumps.reverse();
     let (translation_bandwidth_hz, rotation_bandwidth_hz) = found.bandwidth_hz;
     let sample_interval_s = median(poses.windows(2).map(|w| (w[1].t_ns - w[0].t_ns) as f64 * 1e-9).collect());
     Ok(Motion {
         samples,
         unknown_ns,
         doubts,
-        near_jumps,
         translation_bandwidth_hz,
         rotation_bandwidth_hz,
         sample_interval_s,
     })
 }
 
-/// Calls `take` with each pose's number and the motion there, the last first; an error has the number at which that is
+/// Calls `take` with each pose's number and the smoothed state there, the last first; an error has the number at which that is
 /// none, or has none of its own.
-fn each_sample(
+fn each_state(
     flown: &Flown<'_>,
-    found: &Likely<'_>,
-    gravity_m_s2: f64,
-    mut take: impl FnMut(usize, MotionSample) -> Option<()>,
+    noise: &MotionNoise,
+    mut take: impl FnMut(usize, Joint) -> Option<()>,
 ) -> Result<(), usize> {
-    let precisions: Vec<_> = flown.poses.iter().map(own_precisions).collect();
     let mut at = 0;
-    let visit = |k: usize, mut state: Joint, _| {
+    let visit = |k: usize, state: Joint, _| {
         at = k;
-        let own = own_variances(flown.poses, &precisions, k, found.bandwidth_hz);
-        state.widen_by_unseen(own, found.unseen, found.rates.is_some());
-        take(k, state.sample(flown.poses[k].t_ns, gravity_m_s2)?)
+        take(k, state)
     };
-    each_smoothed(flown, &found.noise, visit).ok_or(at)
+    each_smoothed(flown, noise, visit).ok_or(at)
 }
 
-/// Widens a sample's covariance by what it errs beside jumps, where it does.
-fn beside_jump(sample: &mut MotionSample, knowing: &MotionSample) -> Option<NearJump> {
-    let wide = widened(sample, knowing)?;
-    let narrow = std::mem::replace(&mut sample.covariance, wide);
-    Some(NearJump { t_ns: sample.t_ns, without: std::array::from_fn(|k| narrow.variance(6 + k) as f32) })
+/// What smoothed states of a part of a flight claim beyond its noise.
+struct Claims<'a> {
+    poses: &'a [PoseSample],
+    precisions: Vec<[f64; 2]>,
+    found: &'a Likely<'a>,
+    densities: Densities,
+    gravity_m_s2: f64,
+}
+
+impl<'a> Claims<'a> {
+    fn of(poses: &'a [PoseSample], found: &'a Likely<'a>, densities: Densities, gravity_m_s2: f64) -> Self {
+        Self { poses, precisions: poses.iter().map(own_precisions).collect(), found, densities, gravity_m_s2 }
+    }
+
+    /// The motion at a pose.
+    fn sample(&self, k: usize, mut state: Joint) -> Option<MotionSample> {
+        let Self { poses, found, .. } = self;
+        let unseen = own_variances(poses, &self.precisions, k, found.bandwidth_hz);
+        let claimed = |mut state: Joint| {
+            state.widen_by_unseen(unseen, found.unseen, found.rates.is_some());
+            state.sample(poses[k].t_ns, self.gravity_m_s2)
+        };
+        let of_flight = claimed(state.clone())?.covariance;
+        state.scale_cut_off(self.densities.at(k));
+        let sample = claimed(state)?;
+        Some(MotionSample { covariance: sample.covariance.with_noise_of(&of_flight), ..sample })
+    }
 }
 
 /// One over the sum of the variances of position and of attitude that are a pose's own; zero without a pose.

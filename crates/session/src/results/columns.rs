@@ -41,9 +41,9 @@ pub(super) const RATES: [Quantity; 12] = [
     ("rdot", "rad_s2"),
 ];
 
-/// What `motion.csv` has behind that: standard deviations of velocity and rates without what the smoother errs beside a jump of the
-/// acceleration.
-pub(super) fn without_jumps() -> impl Iterator<Item = Quantity> {
+/// What `motion.csv` has behind that: standard deviations of velocity and rates as errors of poses and the jerk of the whole flight
+/// have them.
+pub(super) fn noise() -> impl Iterator<Item = Quantity> {
     const OWN: [&str; 6] = ["u_noise", "v_noise", "w_noise", "p_noise", "q_noise", "r_noise"];
     OWN.into_iter().zip(RATES).map(|(name, (_, unit))| (name, unit))
 }

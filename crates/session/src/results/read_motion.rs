@@ -7,7 +7,7 @@ use crate::table::Table;
 use mavsight_geometry::Vector3;
 use mavsight_pipeline::usual_interval_ns;
 use mavsight_pose::{
-    Doubts, Motion, MotionCovariance, MotionSample, NearJump, PoseError, PoseSample, covariance_from_std,
+    Doubts, Motion, MotionCovariance, MotionSample, PoseError, PoseSample, covariance_from_std,
 };
 use nalgebra::SMatrix;
 use std::path::Path;
@@ -46,7 +46,6 @@ impl FlightTable {
                     samples: motion.samples.iter().filter(|s| own.contains(&s.t_ns)).cloned().collect(),
                     unknown_ns: motion.unknown_ns.iter().copied().filter(|t_ns| own.contains(t_ns)).collect(),
                     doubts: motion.doubts.clone(),
-                    near_jumps: motion.near_jumps.iter().filter(|n| own.contains(&n.t_ns)).copied().collect(),
                     ..*motion
                 }),
             }
@@ -111,17 +110,19 @@ fn with_missing_rows(poses: Vec<PoseSample>) -> Vec<PoseSample> {
 pub fn read_motion(path: &Path) -> Result<Motion, SessionError> {
     let table = Table::read(path, "motion: `track` writes it")?;
     let series = Series::of(&table, columns::motion())?;
-    let (mut samples, mut unknown_ns, mut near_jumps) = (Vec::new(), Vec::new(), Vec::new());
-    let without_jumps: Vec<usize> =
-        columns::without_jumps().filter_map(|q| table.column(&columns::std(q)).ok()).collect();
+    let (mut samples, mut unknown_ns) = (Vec::new(), Vec::new());
+    let noise_columns: Vec<usize> =
+        columns::noise().filter_map(|q| table.column(&columns::std(q)).ok()).collect();
     for instant in series.rows(&table)? {
         let Some(values) = instant.values else {
             unknown_ns.push(instant.t_ns);
             continue;
         };
         let stds = series.stds(instant.row, 0.0, |_| true)?;
-        near_jumps.extend(near_jump(&instant, &stds, &without_jumps)?);
-        samples.push(motion_sample(instant.t_ns, &values, &stds));
+        let mut sample = motion_sample(instant.t_ns, &values, &stds);
+        let own = noise(&instant, &sample.covariance, &noise_columns)?;
+        sample.covariance = sample.covariance.with_noise(own);
+        samples.push(sample);
     }
     let [translation_bandwidth_hz, rotation_bandwidth_hz, sample_interval_s] = smoother(path, &samples)?;
     let doubts = Doubts::default();
@@ -129,26 +130,25 @@ pub fn read_motion(path: &Path) -> Result<Motion, SessionError> {
         samples,
         unknown_ns,
         doubts,
-        near_jumps,
         translation_bandwidth_hz,
         rotation_bandwidth_hz,
         sample_interval_s,
     })
 }
 
-/// What a row says of a jump beside it: standard deviations of velocity and rates without that, where they are not those with it.
-fn near_jump(
+/// Variances of velocity and rates as the whole flight has them, where a row has their standard deviations; else its own.
+fn noise(
     instant: &Instant<'_, 18>,
-    stds: &[f64; 18],
+    covariance: &MotionCovariance,
     columns: &[usize],
-) -> Result<Option<NearJump>, SessionError> {
-    let Ok(columns) = <[usize; 6]>::try_from(columns) else { return Ok(None) };
-    let mut own = [0.0; 6];
-    for ((std, column), with_jump) in own.iter_mut().zip(columns).zip(&stds[6..]) {
-        *std = instant.row.number_if_any(column)?.unwrap_or(*with_jump);
+) -> Result<[f32; 6], SessionError> {
+    let mut variances = std::array::from_fn(|k| covariance.noise_variance(k) as f32);
+    if let Ok(columns) = <[usize; 6]>::try_from(columns) {
+        for (variance, column) in variances.iter_mut().zip(columns) {
+            *variance = instant.row.number_if_any(column)?.map_or(*variance, |std| (std * std) as f32);
+        }
     }
-    let is_without = own != stds[6..12];
-    Ok(is_without.then(|| NearJump { t_ns: instant.t_ns, without: own.map(|std| (std * std) as f32) }))
+    Ok(variances)
 }
 
 /// Bandwidths of translation and rotation and the sampling interval: from the summary, or as times show.

@@ -7,7 +7,7 @@ use crate::{SessionError, make_folder, s_from_ns};
 use mavsight_geometry::{EulerAngles, Isometry3};
 use mavsight_identify::{CoefficientTable, Pooled, PooledParameter};
 use mavsight_inertial::LogAlignment;
-use mavsight_pose::{MarkerObservation, Motion, MotionSample, NearJump, Observations, euler_std};
+use mavsight_pose::{MarkerObservation, Motion, MotionSample, Observations, euler_std};
 use std::io::{self, Write};
 use std::path::Path;
 use std::sync::Arc;
@@ -246,24 +246,22 @@ fn poses(results: &RunResults, out: &mut dyn Write) -> io::Result<()> {
 
 fn motion_table(motion: &Motion, log: Option<&LogAlignment>, out: &mut dyn Write) -> io::Result<()> {
     let header = columns::motion().flat_map(|q| [columns::value(q), columns::std(q)]);
-    let header = header.chain(columns::without_jumps().map(columns::std));
+    let header = header.chain(columns::noise().map(columns::std));
     let header = std::iter::once("t_s".to_owned()).chain(header).chain(log_column(log));
     let mut lines = csv_lines(out, header)?;
-    let mut near_jumps = motion.near_jumps.iter().peekable();
     // Instants at which the motion is not known have a row with their time alone, as poses have.
     let unknown = motion.unknown_ns.iter().map(|t_ns| (*t_ns, None));
     let mut rows: Vec<_> = motion.samples.iter().map(|s| (s.t_ns, Some(s))).chain(unknown).collect();
     rows.sort_by_key(|row| row.0);
     for (t_ns, sample) in rows {
-        let empty = || vec![String::new(); 2 * columns::motion().count() + columns::without_jumps().count()];
-        let near = near_jumps.next_if(|near| near.t_ns == t_ns);
-        let cells = sample.map_or_else(empty, |sample| motion_cells(sample, near));
+        let empty = || vec![String::new(); 2 * columns::motion().count() + columns::noise().count()];
+        let cells = sample.map_or_else(empty, motion_cells);
         lines.write_record(std::iter::once(time(t_ns)).chain(cells).chain(log_time(log, t_ns)))?;
     }
     lines.flush()
 }
 
-fn motion_cells(sample: &MotionSample, near: Option<&NearJump>) -> Vec<String> {
+fn motion_cells(sample: &MotionSample) -> Vec<String> {
     let rates = [
         sample.velocity_in_body_m_s,
         sample.rates_rad_s,
@@ -274,9 +272,9 @@ fn motion_cells(sample: &MotionSample, near: Option<&NearJump>) -> Vec<String> {
     let mut stds = sample.covariance.variances().map(f64::sqrt);
     let euler = euler_std(&sample.world_from_body, &sample.covariance.quantity(1));
     stds.fixed_rows_mut::<3>(3).copy_from(&euler);
-    let without = (0..6).map(|k| near.map_or(stds[6 + k], |near| f64::from(near.without[k]).sqrt()));
+    let noise = (0..6).map(|k| sample.covariance.noise_variance(k).sqrt());
     let cells = values.zip(&stds).flat_map(|(value, std)| [value, *std]);
-    cells.chain(without).map(number).collect()
+    cells.chain(noise).map(number).collect()
 }
 
 fn coefficients(table: &CoefficientTable, out: &mut dyn Write) -> io::Result<()> {

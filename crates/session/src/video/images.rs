@@ -2,7 +2,7 @@
 
 use super::Opened;
 use crate::SessionError;
-use image::{ImageFormat, ImageReader};
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
 use mavsight_geometry::ImageSize;
 use mavsight_vision::Frame;
 use std::path::{Path, PathBuf};
@@ -103,19 +103,32 @@ fn frame_of_size(file: &Path, size: ImageSize) -> Result<Frame, SessionError> {
     Ok(frame)
 }
 
+/// Bytes of a decoded picture: 66 million pixels of 8-bit sRGB, more than cameras film. A file of two kilobytes may say that it has
+/// billions.
+const MOST_BYTES: u64 = 200_000_000;
+
 /// Reads a PNG or JPEG image as 8-bit sRGB; transparency is dropped.
 ///
 /// # Errors
-/// A file that is missing or not such an image.
+/// A file that is missing, not such an image, or larger than 200 MB when decoded.
 pub fn read_image(path: &Path) -> Result<Frame, SessionError> {
     crate::error::require_file(path, "image")?;
     let broken = |e: String| SessionError::file(path, format!("not a readable PNG or JPEG image: {e}"));
-    let image = ImageReader::open(path)
+    let decoder = ImageReader::open(path)
         .and_then(ImageReader::with_guessed_format)
         .map_err(|e| SessionError::io(path, "read it", e))?
-        .decode()
-        .map_err(|e| broken(e.to_string()))?
-        .into_rgb8();
+        .into_decoder()
+        .map_err(|e| broken(e.to_string()))?;
+    if decoder.total_bytes() > MOST_BYTES {
+        let (width, height) = decoder.dimensions();
+        let detail = format!(
+            "the image is {width}×{height}, {} MB when decoded, and at most {} MB are read: make it smaller",
+            decoder.total_bytes() / 1_000_000,
+            MOST_BYTES / 1_000_000
+        );
+        return Err(SessionError::file(path, detail));
+    }
+    let image = DynamicImage::from_decoder(decoder).map_err(|e| broken(e.to_string()))?.into_rgb8();
     let size = ImageSize { width_px: image.width(), height_px: image.height() };
     Frame::from_rgb(size, image.into_raw()).map_err(|e| broken(e.to_string()))
 }
