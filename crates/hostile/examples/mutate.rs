@@ -75,7 +75,8 @@ fn target(name: &str) -> Option<&'static Target> {
     TARGETS.iter().find(|target| target.name == name)
 }
 
-/// In a process of its own: prints `at NUMBER`, `panic NUMBER WORDS`, `slow NUMBER`, and at the end the counts.
+/// In a process of its own: prints `panic NUMBER WORDS`, `slow NUMBER`, and how far it is with [`Counts`] at each
+/// stride and at the end.
 fn attack(target: &'static Target, seed: u64, from: u64, to: u64) {
     static BEGUN: Mutex<Option<(Instant, u64)>> = Mutex::new(None);
     remember_panics();
@@ -95,22 +96,54 @@ fn attack(target: &'static Target, seed: u64, from: u64, to: u64) {
         }
     });
     let seeds = (target.seeds)();
-    let (mut read, mut refused, mut slowest) = (0_u64, 0_u64, (Duration::ZERO, 0));
+    let mut counts = Counts::default();
     for number in from..to {
         if number.is_multiple_of(every) {
-            println!("at {number}");
+            counts.print(number);
         }
         let bytes = input(target, &seeds, seed, number);
         let begun = Instant::now();
         *BEGUN.lock().unwrap() = Some((begun, number));
         match attempt(target, &bytes) {
-            Ok(Outcome::Read) => read += 1,
-            Ok(Outcome::Refused(_)) => refused += 1,
+            Ok(Outcome::Read) => counts.read += 1,
+            Ok(Outcome::Refused(_)) => counts.refused += 1,
             Err(words) => println!("panic {number} {}", words.replace('\n', " ")),
         }
-        slowest = slowest.max((begun.elapsed(), number));
+        counts.slowest = counts.slowest.max((begun.elapsed().as_micros() as u64, number));
     }
-    println!("done {read} {refused} {} {} {}", slowest.0.as_micros(), slowest.1, memory_kb());
+    counts.print(to);
+}
+
+/// How a process's inputs ended; what it had counted before it ended is not lost with it.
+#[derive(Debug, Clone, Copy, Default)]
+struct Counts {
+    read: u64,
+    refused: u64,
+    /// Microseconds, and the input's number.
+    slowest: (u64, u64),
+    memory_kb: u64,
+}
+
+impl Counts {
+    fn print(&self, at: u64) {
+        let Self { read, refused, slowest, .. } = self;
+        println!("at {at} {read} {refused} {} {} {}", slowest.0, slowest.1, memory_kb());
+    }
+
+    fn parsed(words: &str) -> Option<Self> {
+        let numbers: Vec<u64> = words.split(' ').filter_map(|n| n.parse().ok()).collect();
+        let [read, refused, slowest, number, memory_kb] = numbers[..] else { return None };
+        Some(Self { read, refused, slowest: (slowest, number), memory_kb })
+    }
+
+    fn with(self, other: Self) -> Self {
+        Self {
+            read: self.read + other.read,
+            refused: self.refused + other.refused,
+            slowest: self.slowest.max(other.slowest),
+            memory_kb: self.memory_kb.max(other.memory_kb),
+        }
+    }
 }
 
 /// The most memory that the process had, where the system says it.
@@ -122,13 +155,10 @@ fn memory_kb() -> u64 {
 
 #[derive(Default)]
 struct Found {
-    read: u64,
-    refused: u64,
+    counts: Counts,
     panics: Vec<(u64, String)>,
     slow: Vec<u64>,
     ended: Vec<u64>,
-    slowest: (u64, u64),
-    memory_kb: u64,
 }
 
 /// Runs a target in processes of its own; a line on it, and the number of faults.
@@ -146,7 +176,7 @@ fn campaign(target: &Target, seed: u64, count: u64) -> (String, u64) {
             }
         }
     }
-    let Found { read, refused, panics, slow, ended, slowest, memory_kb } = &found;
+    let Found { counts: Counts { read, refused, slowest, memory_kb }, panics, slow, ended } = &found;
     let mut line = format!(
         "{}: {read} read, {refused} refused, {} panics, {} over 1 s, {} ended the process; slowest {:.1} ms (number {}), at most {:.0} MB; seed {seed}",
         target.name,
@@ -187,30 +217,24 @@ fn process(target: &Target, seed: u64, numbers: std::ops::Range<u64>, found: &mu
     // No film of another codec starts a program.
     command.env("MAVSIGHT_FFMPEG", "there-is-no-such-program");
     let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
-    let (mut at, mut is_whole) = (numbers.start, false);
+    let (mut at, mut counts) = (numbers.start, Counts::default());
     for line in BufReader::new(child.stdout.take().unwrap()).lines() {
         let line = line.unwrap();
         let mut words = line.splitn(3, ' ');
         let (kind, first) = (words.next().unwrap_or(""), words.next().and_then(|n| n.parse().ok()));
         match (kind, first) {
-            ("at", Some(number)) => at = number,
+            ("at", Some(number)) => {
+                at = number;
+                counts = words.next().and_then(Counts::parsed).unwrap_or(counts);
+            }
             ("slow", Some(number)) if !found.slow.contains(&number) => found.slow.push(number),
             ("panic", Some(number)) if found.panics.iter().all(|(known, _)| *known != number) => {
                 found.panics.push((number, words.next().unwrap_or("").to_owned()));
-            }
-            ("done", Some(read)) => {
-                let rest: Vec<u64> =
-                    words.next().unwrap_or("").split(' ').filter_map(|n| n.parse().ok()).collect();
-                let [refused, slowest, number, memory_kb] = rest[..] else { continue };
-                found.read += read;
-                found.refused += refused;
-                found.slowest = found.slowest.max((slowest, number));
-                found.memory_kb = found.memory_kb.max(memory_kb);
-                is_whole = true;
             }
             _ => {}
         }
     }
     child.wait().unwrap();
-    (!is_whole).then_some(at)
+    found.counts = found.counts.with(counts);
+    (at < numbers.end).then_some(at)
 }
