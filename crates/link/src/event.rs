@@ -209,6 +209,8 @@ pub enum CameraState {
     Gone,
     /// The body is shifted in the image: the camera is left out.
     Moved,
+    /// Its balls stand still while another camera sees the body move: it is left out.
+    Frozen,
     /// It sees next to nothing.
     Dark,
 }

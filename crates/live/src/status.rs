@@ -23,7 +23,8 @@ pub(crate) struct CameraStatus {
     gone: Option<String>,
     /// Whether it is gone for good.
     is_over: bool,
-    pub(crate) is_moved: bool,
+    /// What its images show of it beside those of other cameras: moved or frozen.
+    pub(crate) off: Option<CameraState>,
     is_dark: bool,
     reported: Option<CameraState>,
     /// Latest latenesses of its frames, and their median.
@@ -148,9 +149,7 @@ impl CameraStatus {
             _ if self.gone.is_some() => CameraState::Gone,
             None => CameraState::Starting,
             Some(stalls_ns) if now_ns > stalls_ns => CameraState::Stalled,
-            _ if self.is_moved => CameraState::Moved,
-            _ if self.is_dark => CameraState::Dark,
-            _ => CameraState::Running,
+            _ => self.off.unwrap_or(if self.is_dark { CameraState::Dark } else { CameraState::Running }),
         }
     }
 
@@ -194,6 +193,11 @@ impl CameraStatus {
                  again it is left out: fix it and calibrate again"
                     .to_owned()
             }
+            CameraState::Frozen => {
+                "its balls stand still while another camera sees the aircraft move: what sends it hangs; until its image \
+                 changes and fits again it is left out: switch it off and on"
+                    .to_owned()
+            }
             CameraState::Dark => {
                 "its image is black: check its power, its shutter, and that nothing covers it".to_owned()
             }
@@ -229,7 +233,7 @@ mod tests {
         camera.arrived(2500, 3000, true);
         assert_eq!(change(&mut camera, 3000), Some(CameraState::Dark));
         camera.arrived(3500, 4000, false);
-        camera.is_moved = true;
+        camera.off = Some(CameraState::Moved);
         assert_eq!(change(&mut camera, 4000), Some(CameraState::Moved));
         assert!(camera.reason(CameraState::Running, 4000).is_none());
     }

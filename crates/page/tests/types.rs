@@ -65,7 +65,7 @@ fn scene() -> Event {
 
 /// Every variant, and each of its states and options.
 fn examples() -> Vec<Event> {
-    use CameraState::{Dark, Gone, Moved, Running, Stalled, Starting};
+    use CameraState::{Dark, Frozen, Gone, Moved, Running, Stalled, Starting};
     use Tracking::{Acquiring, Lost, Reacquired};
     let known_ball = DetectedBall {
         u_px: 1.5,
@@ -90,7 +90,7 @@ fn examples() -> Vec<Event> {
         Event::Detections { camera: 0, t_s: 1.5, seen: vec![known_ball, other_ball] },
     ];
     examples.extend([Acquiring, Lost, Reacquired].map(|tracking| pose(tracking, false)));
-    examples.extend([Starting, Running, Stalled, Gone, Moved, Dark].map(camera));
+    examples.extend([Starting, Running, Stalled, Gone, Moved, Frozen, Dark].map(camera));
     examples.extend([
         Event::Parameters { t_s: 1.5, parameters: vec![known, unknown], enough: false },
         recording(Some("flight"), None),

@@ -162,6 +162,11 @@ impl FlightAssociator {
         self.associator.let_cameras_return();
     }
 
+    /// Whether a camera repeats an image from before another one saw the body move on; it takes no part until it shows another.
+    pub fn is_outpaced(&self, camera: usize) -> bool {
+        self.associator.is_outpaced(camera)
+    }
+
     /// Cameras that were found to be moved; they take no part from then on, or until they fit again.
     pub fn moved_cameras(&self) -> &[MovedCamera] {
         self.associator.moved_cameras()

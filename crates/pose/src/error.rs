@@ -222,6 +222,11 @@ pub enum PoseError {
         /// Root of the mean square.
         times: f64,
     },
+    /// Cameras contradict each other, and one of them shows no more than in the image before.
+    #[error(
+        "the cameras contradict each other and one repeats an image, which may be of another time: check the cable, the bandwidth and the driver of the one in whose images the balls stand still"
+    )]
+    RepeatedImage,
     /// What was seen is not the body that is described, or may as well be another.
     #[error("what was seen is not decidedly the body of the vehicle file ({0}): correct the file")]
     AnotherBody(&'static str),

@@ -5,7 +5,7 @@ use crate::parameters::Parameters;
 use crate::setup::{Pace, Setup};
 use crate::status::CameraStatus;
 use crate::{InstantEstimate, Latencies, events};
-use mavsight_link::{Event, Fix, Tracking};
+use mavsight_link::{CameraState, Event, Fix, Tracking};
 
 const REPORT_NS: i64 = 1_000_000_000;
 
@@ -15,8 +15,14 @@ impl Flight<'_> {
         while let Some(instant) = self.pipeline.next_instant() {
             let sample = &instant.association.sample;
             for (camera, status) in self.status.iter_mut().enumerate() {
-                let is_moved = instant.moved.iter().any(|m| m.camera == camera);
-                if std::mem::replace(&mut status.is_moved, is_moved) != is_moved {
+                let found = instant.moved.iter().find(|m| m.camera == camera);
+                let is_frozen = found.is_some_and(|m| m.still_since_ns.is_some());
+                let off = if is_frozen || instant.outpaced.contains(&camera) {
+                    Some(CameraState::Frozen)
+                } else {
+                    found.map(|_| CameraState::Moved)
+                };
+                if std::mem::replace(&mut status.off, off).is_some() != off.is_some() {
                     self.tracking.cut();
                 }
             }
@@ -141,7 +147,7 @@ fn newly_blind(instant: &InstantEstimate<'_>, setup: &Setup<'_>, status: &mut [C
     };
     let found = |camera: usize| instant.association.pairs.iter().any(|p| instant.seen[p.0].camera == camera);
     let is_blind = |(camera, status): (usize, &mut CameraStatus)| {
-        let has_come = status.has_frame_of(instant.t_ns) && !status.is_left_out && !status.is_moved;
+        let has_come = status.has_frame_of(instant.t_ns) && !status.is_left_out && status.off.is_none();
         let sees = found(camera) || !has_come || status.is_dark() || !is_in_view(camera);
         status.is_newly_blind(sees, instant.t_ns).then_some(camera)
     };

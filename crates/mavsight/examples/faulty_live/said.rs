@@ -65,6 +65,7 @@ fn in_short(state: CameraState, reason: Option<&String>) -> Option<String> {
         CameraState::Gone => "gone",
         CameraState::Starting => "starting",
         CameraState::Dark if reason.contains("black") => "dark",
+        CameraState::Frozen => "frozen",
         CameraState::Moved if reason.contains("clock") => "moved, or its clock was set",
         _ => reason.split([':', ';']).next().unwrap_or("?"),
     };
@@ -162,6 +163,7 @@ pub(crate) fn is_wrong(kind: Kind, words: &str) -> bool {
         // What sends nothing new for long is opened again.
         "gone" | "starting" => &[Silent, Unplugged, Frozen],
         "dark" => &[Dark],
+        "frozen" => &[Frozen],
         _ if words.contains("clock") => &[ClockStep],
         _ if words.contains("one image") => &[Frozen, Duplicated],
         _ if words.contains("twice") => &[Duplicated],

@@ -13,6 +13,7 @@ export const STATE_SIGNS: Record<CameraState, string> = {
   stalled: "▲",
   gone: "✕",
   moved: "⤢",
+  frozen: "❚",
   dark: "◐",
 };
 

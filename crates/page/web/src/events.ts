@@ -5,7 +5,7 @@
 export type Vec3 = [number, number, number];
 export type Quaternion = [number, number, number, number];
 export type TrackingState = "acquiring" | "tracking" | "lost" | "reacquired";
-export type CameraState = "starting" | "running" | "stalled" | "gone" | "moved" | "dark";
+export type CameraState = "starting" | "running" | "stalled" | "gone" | "moved" | "frozen" | "dark";
 
 export interface CameraView {
   name: string;

@@ -14,6 +14,7 @@ export const examples = [
   {"event":"camera","camera":0,"state":"stalled","rate_hz":60.0,"latency_ms":0.5,"dropped":2,"markers":[1.0,0.5],"reason":"cable"},
   {"event":"camera","camera":0,"state":"gone","rate_hz":60.0,"latency_ms":0.5,"dropped":2,"markers":[1.0,0.5],"reason":"cable"},
   {"event":"camera","camera":0,"state":"moved","rate_hz":60.0,"latency_ms":0.5,"dropped":2,"markers":[1.0,0.5],"reason":"cable"},
+  {"event":"camera","camera":0,"state":"frozen","rate_hz":60.0,"latency_ms":0.5,"dropped":2,"markers":[1.0,0.5],"reason":"cable"},
   {"event":"camera","camera":0,"state":"dark","rate_hz":60.0,"latency_ms":0.5,"dropped":2,"markers":[1.0,0.5],"reason":"cable"},
   {"event":"parameters","t_s":1.5,"parameters":[{"name":"C_X.u","value":0.5,"half_width":0.25,"enough":true},{"name":"C_X.u","value":null,"half_width":null,"enough":false}],"enough":false},
   {"event":"recording","folder":"flight","seconds":1.5,"bytes":1000,"fault":null},

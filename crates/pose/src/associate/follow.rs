@@ -40,7 +40,10 @@ impl Associator {
                 let lost = out.sample.estimate.is_err();
                 lost.then(|| self.associated_by(frame, None, in_use)).filter(|a| a.sample.estimate.is_ok())
             };
-            out = rest.or_else(|| again(&out)).unwrap_or(out);
+            // An image that is repeated may be of another time: what it contradicts is not known then.
+            let may_be_old = out.pairs.iter().any(|pair| self.is_repeated(candidates[pair.0].camera));
+            let whole = |out| if may_be_old { refused(t_ns, PoseError::RepeatedImage) } else { out };
+            out = rest.or_else(|| again(&out)).unwrap_or_else(|| whole(out));
         }
         if let Some(belief) = &predicted {
             self.watch_returns(frame, &out, belief);

@@ -47,6 +47,11 @@ impl BallPlaces {
 
     /// How far the balls of a camera have come since; `None` where fewer than three of them are seen again.
     pub fn displaced(&self, camera: usize, seen: &[TrackedDetection]) -> Option<Displacement> {
+        self.displaced_by(BALLS, camera, seen)
+    }
+
+    /// As [`Self::displaced`], by so many balls at least.
+    fn displaced_by(&self, least: usize, camera: usize, seen: &[TrackedDetection]) -> Option<Displacement> {
         let (mut n, mut sum_px, mut variance_px2, mut of_noise) = (0, Vector2::zeros(), 0.0, 0.0);
         for own in seen.iter().filter(|s| s.camera == camera) {
             let before = self.balls.iter().find(|b| (b.0, b.1) == (camera, own.track_id));
@@ -58,7 +63,7 @@ impl BallPlaces {
             of_noise += by_px.norm_squared() / (2.0 * trace_px2);
         }
         let count = n as f64;
-        (n >= BALLS).then(|| Displacement {
+        (n >= least).then(|| Displacement {
             mean_px: sum_px / count,
             variance_px2: variance_px2 / (count * count),
             of_noise: of_noise / count,
@@ -98,11 +103,13 @@ pub(super) struct Repeated {
     began: BallPlaces,
     /// The camera that first saw the body move since, by how much, and when.
     first: Option<(usize, Vector2<f64>, i64)>,
+    /// Whether that camera has seen the body move on.
+    is_outpaced: bool,
 }
 
 impl Repeated {
     fn begin(&mut self, frame: Frame) {
-        (self.since_ns, self.images, self.first) = (frame.t_ns, 1, None);
+        (self.since_ns, self.images, self.first, self.is_outpaced) = (frame.t_ns, 1, None, false);
         self.began.take(frame.seen);
     }
 
@@ -113,6 +120,17 @@ impl Repeated {
 }
 
 impl Associator {
+    /// Whether a camera's image shows no more than the one before it.
+    pub(super) fn is_repeated(&self, camera: usize) -> bool {
+        self.watch.repeated.get(camera).is_some_and(Repeated::is_repeated)
+    }
+
+    /// Whether a camera repeats an image from before another one saw the body move on. Such an image is of another time, whatever it is
+    /// that holds it, and the camera takes no part until it shows another one.
+    pub fn is_outpaced(&self, camera: usize) -> bool {
+        self.watch.repeated.get(camera).is_some_and(|own| own.is_outpaced)
+    }
+
     /// Leaves a camera out that shows the same image over and over, with no more than an encoder's noise, while another
     /// one sees the body move, and goes on moving: what leaps once was pushed itself.
     pub(super) fn watch_stillness(&mut self, frame: Frame) {
@@ -133,12 +151,13 @@ impl Associator {
                     continue;
                 }
             }
-            if is_moved || own.images < STILL_IMAGES {
+            if is_moved {
                 continue;
             }
             for other in (0..cameras).filter(|c| *c != camera) {
                 let own = &self.watch.repeated[camera];
-                let Some(seen) = own.began.displaced(other, frame.seen) else { continue };
+                // What one ball shows is enough to go by the others for now, and not to say that the camera froze.
+                let Some(seen) = own.began.displaced_by(1, other, frame.seen) else { continue };
                 let variance_px2 = scale * seen.variance_px2;
                 if self.watch.is_moved(other) || !is_far(seen.mean_px, variance_px2) {
                     continue;
@@ -146,8 +165,12 @@ impl Associator {
                 let own = &mut self.watch.repeated[camera];
                 let t_ns = frame.t_ns;
                 let (first, first_px, first_ns) = *own.first.get_or_insert((other, seen.mean_px, t_ns));
-                let is_long = t_ns - first_ns >= LONGEST_APART_NS;
-                if is_long && first == other && is_far(seen.mean_px - first_px, 2.0 * variance_px2) {
+                if first != other || !is_far(seen.mean_px - first_px, 2.0 * variance_px2) {
+                    continue;
+                }
+                own.is_outpaced = true;
+                let is_body = own.began.displaced(other, frame.seen).is_some();
+                if is_body && own.images >= STILL_IMAGES && t_ns - first_ns >= LONGEST_APART_NS {
                     let still_since_ns = Some(own.since_ns);
                     let shift_px = seen.mean_px;
                     self.watch.leave_out(MovedCamera { camera, t_ns, shift_px, still_since_ns, or: None });

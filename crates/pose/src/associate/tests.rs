@@ -315,6 +315,44 @@ fn a_camera_whose_image_stops_is_not_taken_for_moved() {
     }
 }
 
+/// A frozen camera that fits where the body was held poses there with its stated covariance, while the other camera saw it fly on.
+#[test]
+fn poses_go_by_the_camera_that_sees_the_body_move_on() {
+    for (frozen, seed) in (0..2).flat_map(|camera| (0..4).map(move |seed| (camera, seed))) {
+        let mut associator = associator(&PAPER, &[0, 1, 2, 3]).unwrap();
+        associator.let_cameras_return();
+        let mut random = Random::new(seed, 7);
+        let mut stopped = Vec::new();
+        let (mut given, mut beyond) = (0, Vec::new());
+        for k in 0..110 {
+            let mut frame = seen(&PAPER, &[0, 1, 2, 3], &pose_at(k), &mut random);
+            if k == 60 {
+                stopped = frame.iter().filter(|f| f.1.camera == frozen).copied().collect();
+            } else if k > 60 {
+                frame.retain(|f| f.1.camera != frozen);
+                frame.extend(stopped.iter().copied());
+                let codec =
+                    |f: &mut (usize, TrackedDetection)| f.1.pixel += Vector2::from(random.normals()) * 0.01;
+                frame.iter_mut().filter(|f| f.1.camera == frozen).for_each(codec);
+            }
+            let candidates: Vec<TrackedDetection> = frame.iter().map(|f| f.1).collect();
+            let found = associator.associate(k * FRAME_NS, &candidates);
+            let Ok(estimate) = &found.sample.estimate else { continue };
+            let off_m = (estimate.world_from_body.translation.vector - pose_at(k).translation.vector).norm();
+            let std_m = estimate.covariance().fixed_view::<3, 3>(0, 0).trace().sqrt();
+            given += usize::from(k > 60);
+            // At the first frame that is repeated the cameras do not contradict each other beyond chance.
+            if off_m > 5.0 * std_m && k != 61 {
+                beyond.push((k, off_m / std_m));
+            }
+        }
+        assert!(beyond.is_empty(), "camera {frozen}, seed {seed}: {beyond:?}");
+        assert!(given >= 40, "camera {frozen}, seed {seed}: {given} of 49 poses");
+        let named = associator.moved_cameras();
+        assert!(named.iter().all(|m| m.camera == frozen && m.still_since_ns.is_some()), "{named:?}");
+    }
+}
+
 /// One ball before another in one camera shifts both centres for some frames: their detections are left
 /// out, never the camera that sees them, and far less the other one.
 #[test]

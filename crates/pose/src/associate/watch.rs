@@ -3,7 +3,6 @@
 use super::associator::{Association, Associator, DECISIVE_LOG_ODDS};
 use super::frame::Frame;
 use super::history::{Belief, FITTING_INSTANTS, LEAST_DEGREES, MovedCamera};
-use super::stillness::Repeated;
 use crate::TrackedDetection;
 use mavsight_geometry::{Matrix2, Vector2};
 use nalgebra::Matrix2x6;
@@ -68,7 +67,7 @@ impl Associator {
     }
 
     pub(super) fn is_in_use(&self, candidate: &TrackedDetection) -> bool {
-        !self.watch.is_out(candidate.camera)
+        !self.watch.is_out(candidate.camera) && !self.is_outpaced(candidate.camera)
     }
 
     /// The pose without one or two detections of balls before each other, where all together make no sense.
@@ -92,7 +91,8 @@ impl Associator {
         None
     }
 
-    /// The pose without one camera, where all together make no sense and it is clear which one to leave out.
+    /// The pose without one camera, where all together make no sense and it is clear which one to leave out. Images that are
+    /// repeated say nothing against one that is new.
     pub(super) fn without_one(&self, frame: Frame, predicted: &Belief) -> Option<Association> {
         let without = |camera: usize| {
             let is_left = |k: usize| frame.seen[k].camera != camera && self.is_in_use(&frame.seen[k]);
@@ -100,11 +100,13 @@ impl Associator {
             let estimate = found.sample.estimate.as_ref().ok().filter(|_| self.is_sound(&found, frame))?;
             Some((self.log_odds(estimate, frame, &found.pairs, Some(predicted)), found))
         };
-        let cameras = (0..self.cameras.len()).filter(|c| !self.watch.is_out(*c));
+        let cameras = (0..self.cameras.len()).filter(|c| !self.watch.is_out(*c) && !self.is_outpaced(*c));
         let mut found: Vec<(f64, Association)> = cameras.filter_map(without).collect();
         found.sort_by(|a, b| b.0.total_cmp(&a.0));
         let next = found.get(1).map_or(f64::NEG_INFINITY, |f| f.0);
-        found.into_iter().next().filter(|(odds, _)| odds - next >= DECISIVE_LOG_ODDS).map(|f| f.1)
+        let (odds, best) = found.into_iter().next()?;
+        let is_new = best.pairs.iter().any(|pair| !self.is_repeated(frame.seen[pair.0].camera));
+        (is_new && odds - next >= DECISIVE_LOG_ODDS).then_some(best)
     }
 
     /// Whether there is a pose whose residuals are what they have been.
@@ -128,8 +130,7 @@ impl Associator {
             let Some(shift) = self.shift(camera, frame, &belief) else { continue };
             let still_since_ns = self.watch.still_since_ns(camera, (frame.t_ns, frame.seen), shift.mean_px);
             // Balls that are seen anew in a place where they stand are no frozen image's.
-            let is_frozen = self.watch.repeated.get(camera).is_some_and(Repeated::is_repeated);
-            let still_since_ns = still_since_ns.filter(|_| is_frozen);
+            let still_since_ns = still_since_ns.filter(|_| self.is_repeated(camera));
             if !self.watch.is_beyond_usual(camera, shift.square()) || !shift.is_common {
                 continue;
             }
@@ -193,8 +194,8 @@ impl Associator {
             if !self.watch.may_return || !self.watch.is_moved(camera) {
                 continue;
             }
-            let is_frozen = self.watch.repeated.get(camera).is_some_and(Repeated::is_repeated);
-            let belief = self.by_others(camera, frame, found, predicted).filter(|_| !is_frozen);
+            let belief =
+                self.by_others(camera, frame, found, predicted).filter(|_| !self.is_repeated(camera));
             let shift = belief.and_then(|belief| self.shift(camera, frame, &belief));
             self.watch.fits(camera, shift.map(|shift| shift.square()));
         }
