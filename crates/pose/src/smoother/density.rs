@@ -3,8 +3,7 @@
 //! The smoother has one density for the whole flight and all axes. A flight hovers and manoeuvres, about one axis more than about
 //! others: what the smoother cuts off of the motion is less than that density says in the one, and more in the other.
 
-use crate::smoother::integrator::white_jerk;
-use crate::smoother::jumps::chain_of;
+use crate::smoother::integrator::{chain_of, white_jerk};
 use crate::smoother::passes::{Flown, Instant};
 use crate::smoother::state::{Adjoint, Joint, MotionNoise};
 use std::ops::Range;

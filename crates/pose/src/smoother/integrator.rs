@@ -13,6 +13,12 @@ pub(crate) const CHAIN: usize = 12;
 /// Where b begins.
 pub(crate) const CORRELATED: usize = 9;
 
+/// Where the place of one of the six coordinates of a pose is in the error state of both chains; its rate and the rate of that follow in
+/// steps of three.
+pub(crate) fn chain_of(coordinate: usize) -> usize {
+    CHAIN * (coordinate / 3) + coordinate % 3
+}
+
 /// Where something is: a position or an attitude.
 pub(crate) trait Place: Copy {
     /// This place after a small displacement.

@@ -5,7 +5,7 @@
 //! 1992; de Jong & Penzer 1998); there the smoother claims what one would that knows of them.
 
 use crate::smoother::density::{Densities, Energy};
-use crate::smoother::integrator::{CHAIN, white_jerk};
+use crate::smoother::integrator::{chain_of, white_jerk};
 use crate::smoother::passes::{Flown, backward};
 use crate::smoother::state::{Adjoint, Joint, MotionNoise};
 use crate::{MotionCovariance, MotionSample};
@@ -152,12 +152,6 @@ impl Adjoint {
         let vector = Vector3::from_fn(|i, _| self.vector[at + 3 * i]);
         (vector, Matrix3::from_fn(|i, j| self.information[(at + 3 * i, at + 3 * j)]))
     }
-}
-
-/// Where the place of one of the six coordinates of a pose is in the error state; its rate and the rate of that follow in
-/// steps of three.
-pub(crate) fn chain_of(coordinate: usize) -> usize {
-    CHAIN * (coordinate / 3) + coordinate % 3
 }
 
 #[cfg(test)]
