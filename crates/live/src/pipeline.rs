@@ -24,7 +24,7 @@ pub struct InstantEstimate<'a> {
     /// Cameras found to be moved that do not fit again.
     pub moved: &'a [MovedCamera],
     /// Cameras that repeat an image from before another one saw the body move on.
-    pub outpaced: Vec<usize>,
+    pub stale: Vec<usize>,
 }
 
 /// A frame from before the join began.
@@ -180,8 +180,8 @@ impl LivePipeline {
     pub fn next_instant(&mut self) -> Option<InstantEstimate<'_>> {
         let (t_ns, seen) = self.synchronizer.as_mut()?.next_instant()?;
         let association = self.associator.associate(t_ns, seen);
-        let outpaced = (0..self.cameras.len()).filter(|c| self.associator.is_outpaced(*c)).collect();
+        let stale = (0..self.cameras.len()).filter(|c| self.associator.is_stale(*c)).collect();
         let moved = self.associator.moved_cameras();
-        Some(InstantEstimate { t_ns, seen, association, moved, outpaced })
+        Some(InstantEstimate { t_ns, seen, association, moved, stale })
     }
 }

@@ -163,8 +163,8 @@ impl FlightAssociator {
     }
 
     /// Whether a camera repeats an image from before another one saw the body move on; it takes no part until it shows another.
-    pub fn is_outpaced(&self, camera: usize) -> bool {
-        self.associator.is_outpaced(camera)
+    pub fn is_stale(&self, camera: usize) -> bool {
+        self.associator.is_stale(camera)
     }
 
     /// Cameras that were found to be moved; they take no part from then on, or until they fit again.

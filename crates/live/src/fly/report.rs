@@ -17,7 +17,7 @@ impl Flight<'_> {
             for (camera, status) in self.status.iter_mut().enumerate() {
                 let found = instant.moved.iter().find(|m| m.camera == camera);
                 let is_frozen = found.is_some_and(|m| m.still_since_ns.is_some());
-                let off = if is_frozen || instant.outpaced.contains(&camera) {
+                let off = if is_frozen || instant.stale.contains(&camera) {
                     Some(CameraState::Frozen)
                 } else {
                     found.map(|_| CameraState::Moved)

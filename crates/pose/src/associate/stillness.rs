@@ -104,12 +104,12 @@ pub(super) struct Repeated {
     /// The camera that first saw the body move since, by how much, and when.
     first: Option<(usize, Vector2<f64>, i64)>,
     /// Whether that camera has seen the body move on.
-    is_outpaced: bool,
+    is_stale: bool,
 }
 
 impl Repeated {
     fn begin(&mut self, frame: Frame) {
-        (self.since_ns, self.images, self.first, self.is_outpaced) = (frame.t_ns, 1, None, false);
+        (self.since_ns, self.images, self.first, self.is_stale) = (frame.t_ns, 1, None, false);
         self.began.take(frame.seen);
     }
 
@@ -127,8 +127,8 @@ impl Associator {
 
     /// Whether a camera repeats an image from before another one saw the body move on. Such an image is of another time, whatever it is
     /// that holds it, and the camera takes no part until it shows another one.
-    pub fn is_outpaced(&self, camera: usize) -> bool {
-        self.watch.repeated.get(camera).is_some_and(|own| own.is_outpaced)
+    pub fn is_stale(&self, camera: usize) -> bool {
+        self.watch.repeated.get(camera).is_some_and(|own| own.is_stale)
     }
 
     /// Leaves a camera out that shows the same image over and over, with no more than an encoder's noise, while another
@@ -168,7 +168,7 @@ impl Associator {
                 if first != other || !is_far(seen.mean_px - first_px, 2.0 * variance_px2) {
                     continue;
                 }
-                own.is_outpaced = true;
+                own.is_stale = true;
                 let is_body = own.began.displaced(other, frame.seen).is_some();
                 if is_body && own.images >= STILL_IMAGES && t_ns - first_ns >= LONGEST_APART_NS {
                     let still_since_ns = Some(own.since_ns);

@@ -67,7 +67,7 @@ impl Associator {
     }
 
     pub(super) fn is_in_use(&self, candidate: &TrackedDetection) -> bool {
-        !self.watch.is_out(candidate.camera) && !self.is_outpaced(candidate.camera)
+        !self.watch.is_out(candidate.camera) && !self.is_stale(candidate.camera)
     }
 
     /// The pose without one or two detections of balls before each other, where all together make no sense.
@@ -100,7 +100,7 @@ impl Associator {
             let estimate = found.sample.estimate.as_ref().ok().filter(|_| self.is_sound(&found, frame))?;
             Some((self.log_odds(estimate, frame, &found.pairs, Some(predicted)), found))
         };
-        let cameras = (0..self.cameras.len()).filter(|c| !self.watch.is_out(*c) && !self.is_outpaced(*c));
+        let cameras = (0..self.cameras.len()).filter(|c| !self.watch.is_out(*c) && !self.is_stale(*c));
         let mut found: Vec<(f64, Association)> = cameras.filter_map(without).collect();
         found.sort_by(|a, b| b.0.total_cmp(&a.0));
         let next = found.get(1).map_or(f64::NEG_INFINITY, |f| f.0);

@@ -25,6 +25,12 @@ pub(crate) struct Energy {
     expected: [f64; 6],
 }
 
+impl Energy {
+    pub(crate) fn is_finite(&self) -> bool {
+        self.found.iter().chain(&self.expected).all(|x| x.is_finite())
+    }
+}
+
 /// Densities of the jerk over that of the whole flight, of the six coordinates of each pose.
 #[derive(Debug, Clone)]
 pub(crate) struct Densities(Vec<[f64; 6]>);

@@ -91,7 +91,7 @@ fn shocks(
         shocks.extend((0..6).filter_map(of_coordinate));
     };
     backward(flown, noise, |_, _, _| Some(()), behind)?;
-    Some((shocks, energies))
+    energies.iter().all(Energy::is_finite).then_some((shocks, energies))
 }
 
 fn length_s(interval: &[(usize, i64)]) -> f64 {
