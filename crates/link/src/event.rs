@@ -209,7 +209,7 @@ pub enum CameraState {
     Gone,
     /// The body is shifted in the image: the camera is left out.
     Moved,
-    /// Its balls stand still while another camera sees the body move: it is left out.
+    /// Its balls stand still while the body moves: it is left out.
     Frozen,
     /// It sees next to nothing.
     Dark,

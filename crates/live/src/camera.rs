@@ -1,5 +1,6 @@
 //! The two threads of a camera: one fetches frames, one tracks.
 
+use crate::clock_steps::{ClockSteps, Stamped};
 use crate::queue::{Queue, locked};
 use crate::setup::{CameraSetup, Pace, Tap};
 use crate::worker::spawn;
@@ -39,6 +40,8 @@ pub(crate) enum Report {
     Gone { camera: usize, reason: String },
     /// Something went wrong with a frame.
     Fault { camera: usize, text: String },
+    /// Its clock was set.
+    ClockSet { camera: usize, by_ns: i64 },
     /// A frame is not later than the one before it.
     WentBack { camera: usize, stamp_ns: i64 },
     /// A frame shows the image before it once more.
@@ -215,10 +218,20 @@ impl Fetch {
 fn track(camera: usize, mut tracker: CameraTracker, queue: &Queue<Arrival>, shared: &Shared) {
     // Reports to a flight that has ended are not received, here and below.
     let report = |report| shared.reports.send(report).is_ok();
+    let mut steps = ClockSteps::default();
     while !queue.is_over() {
         let Some(Arrival { stamp_ns, received_ns, frame }) = queue.pop(Duration::from_millis(200)) else {
             continue;
         };
+        // At another pace frames do not arrive when they are filmed.
+        let Stamped { stamp_ns, step_ns } = match shared.pace {
+            Pace::Own => steps.stamped(stamp_ns, received_ns),
+            Pace::Fast => Stamped { stamp_ns: Some(stamp_ns), step_ns: None },
+        };
+        if let Some(by_ns) = step_ns {
+            report(Report::ClockSet { camera, by_ns });
+        }
+        let Some(stamp_ns) = stamp_ns else { continue };
         let detections = match tracker.see(stamp_ns, Arc::clone(&frame)) {
             TrackedFrame::New(seen) => seen.to_vec(),
             // Nothing new: a camera that only repeats frames has stalled.

@@ -134,6 +134,7 @@ impl Flight<'_> {
                 let name = &self.setup.rig.cameras[camera].name;
                 self.note(true, format!("{name}: {text}."));
             }
+            Report::ClockSet { camera, by_ns } => self.take_clock_step(camera, by_ns),
             Report::WentBack { camera, stamp_ns } => self.take_backward(camera, stamp_ns),
             Report::Repeated { camera, received_ns } => self.status[camera].repeated(received_ns),
             Report::Ended { camera } => {

@@ -7,6 +7,7 @@
 
 mod camera;
 mod clock;
+mod clock_steps;
 mod error;
 mod events;
 mod fly;

@@ -194,7 +194,7 @@ impl CameraStatus {
                     .to_owned()
             }
             CameraState::Frozen => {
-                "its balls stand still while another camera sees the aircraft move: what sends it hangs; until its image \
+                "its balls stand still while the aircraft moves: what sends it hangs; until its image \
                  changes and fits again it is left out: switch it off and on"
                     .to_owned()
             }

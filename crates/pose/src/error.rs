@@ -224,7 +224,7 @@ pub enum PoseError {
     },
     /// Cameras contradict each other, and one of them shows no more than in the image before.
     #[error(
-        "the cameras contradict each other and one repeats an image, which may be of another time: check the cable, the bandwidth and the driver of the one in whose images the balls stand still"
+        "an image is repeated that may be of another time, and no camera or not enough of them sees the aircraft anew: check the cable, the bandwidth and the driver of those in whose images the balls stand still"
     )]
     RepeatedImage,
     /// What was seen is not the body that is described, or may as well be another.

@@ -93,6 +93,20 @@ impl Flight<'_> {
         }
     }
 
+    /// Takes that the clock of a camera was set, for which its stamps are corrected.
+    pub(super) fn take_clock_step(&mut self, camera: usize, by_ns: i64) {
+        let now_ns = self.now_ns();
+        if self.status[camera].is_news(Backward::ClockSet, now_ns) {
+            let name = &self.setup.rig.cameras[camera].name;
+            let (by_s, way) = (by_ns.abs() as f64 * 1e-9, if by_ns < 0 { "back" } else { "forward" });
+            let text = format!(
+                "{name}: its clock was set {way} by {by_s:.4} s: frames go on to arrive in their beat, and their time stamps are \
+                 corrected by that. Switch off what sets the clock in flight."
+            );
+            self.note(true, text);
+        }
+    }
+
     /// Takes a frame that is not later than the one before it: it is passed over, and the reason reported.
     pub(super) fn take_backward(&mut self, camera: usize, stamp_ns: i64) {
         let (now_ns, t_ns) = (self.now_ns(), self.pipeline.time_ns(camera, stamp_ns));

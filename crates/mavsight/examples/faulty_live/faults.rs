@@ -1,6 +1,7 @@
 //! What happens to the cameras, and when.
 
 use crate::film::{RATE_HZ, time_ns};
+use anyhow::{Context, Result};
 use mavsight::random::Random;
 use std::sync::atomic::{AtomicI64, Ordering};
 
@@ -38,6 +39,13 @@ impl Kind {
         Self::Hidden,
         Self::ClockStep,
     ];
+
+    /// The kind that is called so.
+    pub(crate) fn of(words: &str) -> Result<Self> {
+        let known = || Self::ALL.map(Self::words).join(", ");
+        let found = Self::ALL.into_iter().find(|kind| kind.words() == words);
+        found.with_context(|| format!("there is no fault \"{words}\": give one of {}", known()))
+    }
 
     pub(crate) fn words(self) -> &'static str {
         match self {
@@ -105,15 +113,15 @@ impl Fault {
     }
 }
 
-/// The faults of a flight; each kind as often as every other, in random order.
-pub(crate) fn schedule(seed: u64, frames: u64) -> Vec<Fault> {
+/// The faults of a flight: of one kind, or each as often as every other in random order.
+pub(crate) fn schedule(seed: u64, frames: u64, only: Option<Kind>) -> Vec<Fault> {
     let mut random = Random::new(seed, 0);
     let (mut out, mut left) = (Vec::new(), Vec::new());
     let mut from_s = QUIET_S;
     // The last one is over before the end.
     while (from_s + EVERY_S) * RATE_HZ < frames as f64 {
         if left.is_empty() {
-            left = Kind::ALL.to_vec();
+            left = only.map_or_else(|| Kind::ALL.to_vec(), |kind| vec![kind]);
         }
         let kind = left.swap_remove((random.uniform() * left.len() as f64) as usize);
         let begin_s = from_s + random.between(0.0, 2.0);

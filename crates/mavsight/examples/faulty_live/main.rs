@@ -1,7 +1,7 @@
 //! A live flight in real time whose cameras fail every ten seconds: which instants are lost, which poses are
 //! wrong, what is said of each fault and how soon, and whether memory grows.
 //!
-//! `cargo run --release -p mavsight --example faulty_live -- MINUTES [SEED]`
+//! `cargo run --release -p mavsight --example faulty_live -- MINUTES [SEED] [FAULT]`
 //!
 //! Two cameras of 640x480 film eight seconds of the virtual room once, which are then played over and over at
 //! 30 Hz through the sources, queues, trackers and listeners of a live flight. The truth is this program's
@@ -15,7 +15,7 @@ mod said;
 mod spoil;
 mod summary;
 
-use crate::faults::schedule;
+use crate::faults::{Kind, schedule};
 use crate::film::{Film, RATE_HZ};
 use crate::log::Log;
 use crate::said::{Ear, Heard};
@@ -32,13 +32,14 @@ static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 fn main() -> Result<()> {
     let mut given = std::env::args().skip(1);
-    let minutes: f64 = given.next().context("MINUTES [SEED]")?.parse().context("MINUTES")?;
+    let minutes: f64 = given.next().context("MINUTES [SEED] [FAULT]")?.parse().context("MINUTES")?;
     let seed: u64 = given.next().map_or(Ok(37), |text| text.parse()).context("SEED")?;
+    let only = given.next().map(|words| Kind::of(&words)).transpose()?;
     anyhow::ensure!((0.2..=1e4).contains(&minutes), "{minutes} minutes: give 0.2 to 10000");
     let seconds = 60.0 * minutes;
     let film = Arc::new(Film::new(seed)?);
     let frames = (seconds * RATE_HZ) as u64;
-    let (faults, log) = (Arc::new(schedule(seed, frames)), Arc::new(Log::new(frames)));
+    let (faults, log) = (Arc::new(schedule(seed, frames, only)), Arc::new(Log::new(frames)));
     let heard = Arc::new(Mutex::new(Heard::default()));
     let clock = FlightClock::starting_at(0);
     let names: Vec<String> = film.rig.cameras.iter().map(|c| c.name.clone()).collect();

@@ -117,7 +117,7 @@ impl Listener for Ear {
         errors.largest = errors.largest.max(ratio);
         if ratio.is_nan() || ratio > BEYOND {
             errors.beyond += 1;
-            if !has_wrong_time && heard.wrong.len() < LISTED {
+            if heard.wrong.len() < LISTED {
                 let last = self.faults.iter().rev().find(|f| f.frames.0 as f64 <= frame);
                 let after = last.map_or(frame, |f| frame - f.frames.0 as f64);
                 let kind = last.map_or("none", |f| f.kind.words());

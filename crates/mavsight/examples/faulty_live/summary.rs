@@ -8,7 +8,7 @@ use mavsight::live::FlightSummary;
 
 /// Frames within which a fault is to be said.
 const SOON: f64 = 2.0;
-/// Lost instants that are listed.
+/// Runs of instants that are listed.
 const LISTED: usize = 24;
 
 pub(crate) fn print(
@@ -26,8 +26,8 @@ pub(crate) fn print(
         );
     };
     errors("clocks right", &heard.well);
-    heard.wrong.iter().for_each(|wrong| println!("  beyond at {wrong}"));
     errors("while a clock is wrong", &heard.by_wrong_clock);
+    heard.wrong.iter().for_each(|wrong| println!("  beyond at {wrong}"));
     said(entries, faults, heard);
     for (words, times) in &heard.unfounded {
         println!("said of a camera without a fault: {words}, {times} times");
@@ -65,19 +65,21 @@ fn instants(entries: &[Entry], faults: &[Fault]) {
         seen().count(),
         lost.len()
     );
-    for k in lost.iter().take(LISTED) {
-        println!("  lost at {:.3} s, {}", *k as f64 / RATE_HZ, since(faults, *k));
-    }
+    list(&lost, faults);
     let alone = |e: &Entry| e.has_pose() && !(e.used(0) && e.used(1));
     let by_one: Vec<usize> = seen().filter(|(_, e)| alone(e)).map(|(k, _)| k).collect();
     println!("two cameras saw, the pose is by one: {}", by_one.len());
-    for k in runs(&by_one).into_iter().take(LISTED) {
-        println!("  {} from {:.3} s, {}", k.1, k.0 as f64 / RATE_HZ, since(faults, k.0));
-    }
+    list(&by_one, faults);
     let one = |e: &&Entry| e.came(0) != e.came(1);
     let with_pose = entries.iter().filter(one).filter(|e| e.has_pose()).count();
     println!("one camera alone saw {}, of these {with_pose} with a pose", entries.iter().filter(one).count());
     println!("longest time without a pose after both are well again: {:.2} s", longest_s(entries));
+}
+
+fn list(frames: &[usize], faults: &[Fault]) {
+    for (from, count) in runs(frames).into_iter().take(LISTED) {
+        println!("  {count} from {:.3} s, {}", from as f64 / RATE_HZ, since(faults, from));
+    }
 }
 
 /// The last fault before a frame.

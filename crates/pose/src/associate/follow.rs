@@ -33,6 +33,9 @@ impl Associator {
         self.watch_reconciliation(frame);
         let predicted = self.history.predicted(t_ns, self.size_m);
         let in_use = |k: usize| self.is_in_use(&candidates[k]);
+        if !candidates.is_empty() && candidates.iter().all(|seen| self.is_stale(seen.camera)) {
+            return refused(t_ns, PoseError::RepeatedImage);
+        }
         let mut out = self.associated_by(frame, predicted.as_ref(), in_use);
         if let Some(belief) = predicted.as_ref().filter(|_| !self.is_sound(&out, frame)) {
             let rest = self.without_detections(frame, belief).or_else(|| self.without_one(frame, belief));

@@ -103,13 +103,16 @@ pub(super) struct Repeated {
     began: BallPlaces,
     /// The camera that first saw the body move since, by how much, and when.
     first: Option<(usize, Vector2<f64>, i64)>,
-    /// Whether that camera has seen the body move on.
+    /// Whether the body moved in its images until then.
+    was_moving: bool,
+    /// Whether the body has moved since: another camera has seen it, or it moved until then and none sees it anew.
     is_stale: bool,
 }
 
 impl Repeated {
-    fn begin(&mut self, frame: Frame) {
+    fn begin(&mut self, frame: Frame, was_moving: bool) {
         (self.since_ns, self.images, self.first, self.is_stale) = (frame.t_ns, 1, None, false);
+        self.was_moving = was_moving;
         self.began.take(frame.seen);
     }
 
@@ -125,8 +128,9 @@ impl Associator {
         self.watch.repeated.get(camera).is_some_and(Repeated::is_repeated)
     }
 
-    /// Whether a camera repeats an image from before another one saw the body move on. Such an image is of another time, whatever it is
-    /// that holds it, and the camera takes no part until it shows another one.
+    /// Whether a camera repeats an image from before the body moved on: another camera has seen it move, or it was moving and no camera
+    /// sees it anew. Such an image is of another time, whatever it is that holds it, and the camera takes no part until
+    /// it shows another one.
     pub fn is_stale(&self, camera: usize) -> bool {
         self.watch.repeated.get(camera).is_some_and(|own| own.is_stale)
     }
@@ -146,8 +150,8 @@ impl Associator {
             match own.began.displaced(camera, frame.seen) {
                 Some(by) if by.is_still() => own.images += 1,
                 None if own.is_repeated() && own.began.are_where_they_were(camera, frame.seen) => continue,
-                _ => {
-                    own.begin(frame);
+                by => {
+                    own.begin(frame, by.is_some_and(|by| is_far(by.mean_px, 2.0 * scale * by.variance_px2)));
                     continue;
                 }
             }
@@ -177,6 +181,20 @@ impl Associator {
                     break;
                 }
             }
+        }
+        self.doubt_all_images(frame);
+    }
+
+    /// A body that moves does not stop within one frame in all images to a third of their noise: where none shows it anew they
+    /// are of another time.
+    fn doubt_all_images(&mut self, frame: Frame) {
+        let sees = |camera: usize| frame.seen.iter().any(|s| s.camera == camera);
+        let seeing: Vec<usize> =
+            (0..self.cameras.len()).filter(|c| sees(*c) && !self.watch.is_out(*c)).collect();
+        let own = |camera: &usize| &self.watch.repeated[*camera];
+        let is_moving = seeing.iter().any(|camera| own(camera).was_moving);
+        if is_moving && seeing.iter().all(|camera| own(camera).is_repeated()) {
+            seeing.iter().for_each(|camera| self.watch.repeated[*camera].is_stale = true);
         }
     }
 }

@@ -315,6 +315,36 @@ fn a_camera_whose_image_stops_is_not_taken_for_moved() {
     }
 }
 
+/// Two cameras that froze at once agreed with each other, and poses stood still for seconds while the body flew on.
+#[test]
+fn images_that_all_repeat_one_of_a_moving_body_give_no_pose() {
+    for seed in 0..5 {
+        let mut associator = associator(&PAPER, &[0, 1, 2, 3]).unwrap();
+        associator.let_cameras_return();
+        let mut random = Random::new(seed, 9);
+        let mut stopped = Vec::new();
+        for k in 0..110 {
+            let mut frame = seen(&PAPER, &[0, 1, 2, 3], &pose_at(k), &mut random);
+            if k == 60 {
+                stopped.clone_from(&frame);
+            }
+            if (61..90).contains(&k) {
+                frame.clone_from(&stopped);
+                frame.iter_mut().for_each(|f| f.1.pixel += Vector2::from(random.normals()) * 0.01);
+            }
+            let candidates: Vec<TrackedDetection> = frame.iter().map(|f| f.1).collect();
+            let pose = associator.associate(k * FRAME_NS, &candidates).sample.estimate;
+            match k {
+                0..=60 | 90.. => assert!(pose.is_ok(), "seed {seed}, frame {k}: {pose:?}"),
+                62..90 => {
+                    assert!(matches!(pose, Err(PoseError::RepeatedImage)), "seed {seed}, frame {k}: {pose:?}")
+                }
+                _ => {}
+            }
+        }
+    }
+}
+
 /// A frozen camera that fits where the body was held poses there with its stated covariance, while the other camera saw it fly on.
 #[test]
 fn poses_go_by_the_camera_that_sees_the_body_move_on() {

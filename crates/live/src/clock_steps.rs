@@ -1,0 +1,284 @@
+//! Clocks of cameras that are set while they film.
+
+use std::collections::VecDeque;
+
+/// Frames by which it is known how regularly a camera's frames are stamped and arrive: a second of video.
+const KEPT: usize = 31;
+/// Standard deviations beyond which a stamp leaves the beat of those before it, or an arrival its own: more is noise once in
+/// five hundred million frames.
+const GATE: f64 = 6.0;
+/// Logarithm of the odds, 999 to 1, at which it was the clock and not the camera that left the beat.
+const DECISIVE_LOG_ODDS: f64 = 6.907;
+/// Standard deviations in a median absolute deviation of normal noise.
+const STD_OF_MAD: f64 = 1.4826;
+/// A stamp in whole milliseconds is off by up to this.
+const RESOLUTION_NS: f64 = 1e6;
+
+/// Frames within which it is decided what it was.
+const MOST_FRAMES: u32 = 8;
+/// Degrees of freedom of Student's density, as which arrivals are distributed: some are very late (Lange, Little & Taylor 1989).
+const ARRIVAL_DEGREES: f64 = 3.0;
+/// Frames over which the time on the way is averaged in the long run: a minute of video.
+const LONG: f64 = 1800.0;
+
+/// A camera's time stamps, by its clock as it was at first.
+///
+/// Where the frames go on to arrive in their beat while the stamps leave theirs, once and by as much as each stamp since
+/// then is nearer to its arrival or farther from it, it is the clock that was set. By how much is known as well as one
+/// interval is from the next. What is late on its way arrives late with a stamp in the beat; what is filmed late
+/// arrives late with its stamp; a step by whole intervals, which looks like frames that
+/// are missing or out of order, is not corrected.
+#[derive(Debug)]
+pub(crate) struct ClockSteps {
+    /// By how much the clock is ahead of what it was at first.
+    ahead_ns: i64,
+    /// Latest stamps, corrected, and the time from each to its arrival.
+    latest_ns: VecDeque<(i64, i64)>,
+    /// That time in the long run.
+    underway_ns: Option<f64>,
+    suspected: Option<Suspected>,
+}
+
+impl Default for ClockSteps {
+    fn default() -> Self {
+        Self { ahead_ns: 0, latest_ns: VecDeque::with_capacity(KEPT), underway_ns: None, suspected: None }
+    }
+}
+
+/// When a frame was filmed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Stamped {
+    /// Its stamp by the clock as it was at first; none where it is open whether that was set.
+    pub(crate) stamp_ns: Option<i64>,
+    /// By how much the clock is found to have been set.
+    pub(crate) step_ns: Option<i64>,
+}
+
+/// What is expected of the next frame by the latest ones.
+struct Expected {
+    last_ns: i64,
+    interval_ns: i64,
+    /// How far a stamp may be from what is expected.
+    uneven_ns: f64,
+    beat: Beat,
+}
+
+/// The time from a stamp to its arrival, and its standard deviation beside the interval's.
+#[derive(Debug, Clone, Copy)]
+struct Beat {
+    underway_ns: i64,
+    std_ns: f64,
+}
+
+/// A step that a stamp shows, while it is open whether it is the clock's.
+#[derive(Debug, Clone, Copy)]
+struct Suspected {
+    step_ns: i64,
+    beat: Beat,
+    frames: u32,
+    /// Of a clock that was set against a camera that filmed out of its beat.
+    log_odds: f64,
+}
+
+impl ClockSteps {
+    /// When the next frame was filmed.
+    pub(crate) fn stamped(&mut self, stamp_ns: i64, received_ns: i64) -> Stamped {
+        let own_ns = stamp_ns - self.ahead_ns;
+        let underway_ns = received_ns - own_ns;
+        let Some(mut suspected) = self.suspected.take().or_else(|| self.suspect(own_ns)) else {
+            return self.keep(own_ns, received_ns, None);
+        };
+        suspected.weigh(underway_ns);
+        let step_ns = suspected.step_ns;
+        if suspected.log_odds >= DECISIVE_LOG_ODDS && self.is_news(step_ns, underway_ns) {
+            self.ahead_ns += step_ns;
+            return self.keep(own_ns - step_ns, received_ns, Some(step_ns));
+        }
+        if suspected.frames >= MOST_FRAMES {
+            return self.keep(own_ns, received_ns, None);
+        }
+        self.suspected = Some(suspected);
+        let is_of_camera = suspected.log_odds <= -DECISIVE_LOG_ODDS;
+        Stamped { stamp_ns: is_of_camera.then_some(own_ns), step_ns: None }
+    }
+
+    fn keep(&mut self, corrected_ns: i64, received_ns: i64, step_ns: Option<i64>) -> Stamped {
+        if self.latest_ns.len() == KEPT {
+            self.latest_ns.pop_front();
+        }
+        self.latest_ns.push_back((corrected_ns, received_ns - corrected_ns));
+        Stamped { stamp_ns: Some(corrected_ns), step_ns }
+    }
+
+    fn expected(&self) -> Option<Expected> {
+        let (last_ns, _) = *self.latest_ns.back().filter(|_| self.latest_ns.len() == KEPT)?;
+        let stamps_ns = || self.latest_ns.iter().map(|f| f.0);
+        let apart_ns = stamps_ns().skip(1).zip(stamps_ns()).map(|(to, from)| to - from);
+        let (interval_ns, interval_std_ns) = middle_and_std(apart_ns);
+        let (underway_ns, late_std_ns) = middle_and_std(self.latest_ns.iter().map(|f| f.1));
+        let std_ns = late_std_ns.hypot(interval_std_ns).max(RESOLUTION_NS / GATE);
+        Some(Expected {
+            last_ns,
+            interval_ns,
+            uneven_ns: (GATE * interval_std_ns).max(RESOLUTION_NS),
+            beat: Beat { underway_ns, std_ns },
+        })
+    }
+
+    /// A step, where a stamp is not in the beat, and no frames that are missing, come twice or out of order make it so.
+    fn suspect(&mut self, own_ns: i64) -> Option<Suspected> {
+        let Expected { last_ns, interval_ns, uneven_ns, beat } = self.expected()?;
+        let long_ns = self.underway_ns.get_or_insert(beat.underway_ns as f64);
+        // What is beyond chance counts as much as chance allows (Huber 1981).
+        *long_ns += (beat.underway_ns as f64 - *long_ns).clamp(-beat.std_ns, beat.std_ns) / LONG;
+        let mut step_ns = own_ns - last_ns - interval_ns;
+        let off_whole_ns = step_ns.rem_euclid(interval_ns.max(1));
+        let is_whole = off_whole_ns.min(interval_ns - off_whole_ns) as f64 <= uneven_ns;
+        let is_too_soon = own_ns > last_ns && (-step_ns) as f64 > uneven_ns;
+        if is_whole && !is_too_soon {
+            return None;
+        }
+        // To within what frames are uneven the clock is right again.
+        if (self.ahead_ns + step_ns).abs() as f64 <= uneven_ns {
+            step_ns = -self.ahead_ns;
+        }
+        Some(Suspected { step_ns, beat, frames: 0, log_odds: 0.0 })
+    }
+
+    /// Whether a step leads nearer to the time on the way in the long run: after a step that was not seen the clock is right
+    /// again by what another one seems.
+    fn is_news(&self, step_ns: i64, underway_ns: i64) -> bool {
+        let from_usual_ns = |ns: i64| (self.underway_ns.unwrap_or_default() - ns as f64).abs();
+        from_usual_ns(underway_ns + step_ns) < from_usual_ns(underway_ns)
+    }
+}
+
+impl Suspected {
+    fn weigh(&mut self, underway_ns: i64) {
+        let surprise = |ns: i64| {
+            let off = (ns - self.beat.underway_ns) as f64 / self.beat.std_ns;
+            0.5 * (ARRIVAL_DEGREES + 1.0) * (off * off / ARRIVAL_DEGREES).ln_1p()
+        };
+        self.log_odds += surprise(underway_ns) - surprise(underway_ns + self.step_ns);
+        self.frames += 1;
+    }
+}
+
+/// Median, and the standard deviation that the median absolute deviation from it is of (Huber 1981, section 5.1).
+fn middle_and_std(values_ns: impl Iterator<Item = i64>) -> (i64, f64) {
+    let middle = |values_ns: &mut Vec<i64>| {
+        let at = values_ns.len() / 2;
+        *values_ns.select_nth_unstable(at).1
+    };
+    let mut values_ns: Vec<i64> = values_ns.collect();
+    let middle_ns = middle(&mut values_ns);
+    values_ns.iter_mut().for_each(|value_ns| *value_ns = (*value_ns - middle_ns).abs());
+    (middle_ns, STD_OF_MAD * middle(&mut values_ns) as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mavsight_random::Random;
+
+    const INTERVAL: i64 = 33_333_333;
+
+    /// A camera at 30 Hz whose frames arrive 5 ms and up to 1 ms more after they were filmed.
+    struct Film {
+        steps: ClockSteps,
+        random: Random,
+        number: i64,
+    }
+
+    impl Film {
+        fn new() -> Self {
+            let mut film = Self { steps: ClockSteps::default(), random: Random::new(3, 0), number: 0 };
+            (0..40).for_each(|_| assert_eq!(film.next(0, 0, 0).1, None));
+            film
+        }
+
+        /// How far the next frame's stamp is from the time at which it was filmed, and the step; filmed late and on its way
+        /// for longer than others.
+        fn next(
+            &mut self,
+            ahead_ns: i64,
+            filmed_late_ns: i64,
+            underway_ns: i64,
+        ) -> (Option<i64>, Option<i64>) {
+            self.number += 1;
+            let jitter_ns = (1e5 * self.random.normal()) as i64;
+            let filmed_ns = self.number * INTERVAL + filmed_late_ns;
+            let arrives_ns = filmed_ns + 5_000_000 + underway_ns + (1e6 * self.random.uniform()) as i64;
+            let Stamped { stamp_ns, step_ns } =
+                self.steps.stamped(filmed_ns + jitter_ns + ahead_ns, arrives_ns);
+            (stamp_ns.map(|ns| ns - filmed_ns), step_ns)
+        }
+    }
+
+    #[test]
+    fn a_clock_that_is_set_and_right_again_is_corrected_both_times() {
+        for ahead_ns in [
+            3_000_000,
+            -4_000_000,
+            12_000_000,
+            -20_000_000,
+            -32_800_000,
+            35_000_000,
+            480_000_000,
+            -480_000_000,
+        ] {
+            let mut film = Film::new();
+            for (ahead_ns, frames) in [(ahead_ns, 50), (0, 50), (2 * ahead_ns, 9)] {
+                let steps = (0..frames).filter(|k| {
+                    let (off_ns, step_ns) = film.next(ahead_ns, 0, 0);
+                    assert!(
+                        off_ns.is_none_or(|ns| ns.abs() < 1_000_000),
+                        "step {ahead_ns}: {off_ns:?} ns off"
+                    );
+                    assert!(off_ns.is_some() || *k < 3, "step {ahead_ns}: frame {k} is passed over");
+                    step_ns.is_some()
+                });
+                assert_eq!(steps.count(), 1, "step {ahead_ns}");
+            }
+        }
+    }
+
+    /// Where the first frame after a step is late by chance, the next ones decide.
+    #[test]
+    fn a_step_is_found_though_its_first_frame_is_late_on_its_way() {
+        for late_ns in [4_000_000, 12_000_000, 20_000_000] {
+            let mut film = Film::new();
+            for ahead_ns in [12_000_000, 0] {
+                let first = film.next(ahead_ns, 0, late_ns);
+                assert!((0..8).any(|_| film.next(ahead_ns, 0, 0).1.is_some()) || first.1.is_some());
+                assert!(film.next(ahead_ns, 0, 0).0.is_some_and(|ns| ns.abs() < 1_000_000));
+            }
+        }
+    }
+
+    #[test]
+    fn frames_that_are_missing_filmed_late_or_on_their_way_for_long_are_no_step() {
+        let mut film = Film::new();
+        let mut is_no_step = |number: i64, filmed_late_ns, underway_ns| {
+            film.number += number;
+            let found = film.next(0, filmed_late_ns, underway_ns).1;
+            assert_eq!(
+                found, None,
+                "{number} missing, filmed {filmed_late_ns} late, {underway_ns} on the way"
+            );
+            (0..9).for_each(|_| assert_eq!(film.next(0, 0, 0).1, None));
+        };
+        for by_ns in [3_000_000, 8_000_000, 15_000_000, 33_333_333, 90_000_000] {
+            is_no_step(0, 0, by_ns);
+            is_no_step(0, by_ns.min(25_000_000), 0);
+            is_no_step(by_ns / 10_000_000, 0, 0);
+        }
+        // A frame that waited behind another one until that was lost.
+        (0..40).for_each(|_| assert_eq!(film.next(0, 0, INTERVAL).1, None));
+        film.number += 1;
+        assert_eq!(film.next(0, 0, 0).1, None);
+        // A step that is less than frames are uneven is not seen, and neither is its end.
+        let mut uneven = Film::new();
+        (0..90).for_each(|k| assert_eq!(uneven.next(700_000 * i64::from(k / 30 % 2), 0, 0).1, None));
+    }
+}
