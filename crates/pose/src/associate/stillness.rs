@@ -17,6 +17,10 @@ pub const LONGEST_APART_NS: i64 = 1_000_000_000;
 /// two hundred, in five images running never.
 const NO_NOISE: f64 = 1.0 / 9.0;
 
+/// Part of the stated variance below which balls are not seen anew once an image is known to be of another time: an encoder's noise
+/// is a third of theirs now and then.
+const SOME_NOISE: f64 = 1.0 / 2.0;
+
 /// What stands still is three balls or more.
 const BALLS: usize = 3;
 
@@ -148,7 +152,7 @@ impl Associator {
             }
             let own = &mut self.watch.repeated[camera];
             match own.began.displaced(camera, frame.seen) {
-                Some(by) if by.is_still() => own.images += 1,
+                Some(by) if by.is_still() || own.is_stale && by.of_noise <= SOME_NOISE => own.images += 1,
                 None if own.is_repeated() && own.began.are_where_they_were(camera, frame.seen) => continue,
                 by => {
                     own.begin(frame, by.is_some_and(|by| is_far(by.mean_px, 2.0 * scale * by.variance_px2)));
