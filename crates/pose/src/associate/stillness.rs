@@ -2,7 +2,7 @@
 
 use super::associator::Associator;
 use super::frame::Frame;
-use super::history::{MovedCamera, SHIFTED};
+use super::history::{MovedCamera, SHIFTED, Watch};
 use crate::TrackedDetection;
 use mavsight_geometry::Vector2;
 
@@ -192,13 +192,16 @@ impl Associator {
     /// A body that moves does not stop within one frame in all images to a third of their noise: where none shows it anew they
     /// are of another time.
     fn doubt_all_images(&mut self, frame: Frame) {
-        let sees = |camera: usize| frame.seen.iter().any(|s| s.camera == camera);
-        let seeing: Vec<usize> =
-            (0..self.cameras.len()).filter(|c| sees(*c) && !self.watch.is_out(*c)).collect();
-        let own = |camera: &usize| &self.watch.repeated[*camera];
-        let is_moving = seeing.iter().any(|camera| own(camera).was_moving);
-        if is_moving && seeing.iter().all(|camera| own(camera).is_repeated()) {
-            seeing.iter().for_each(|camera| self.watch.repeated[*camera].is_stale = true);
+        let sees = |watch: &Watch, camera: usize| {
+            frame.seen.iter().any(|s| s.camera == camera) && !watch.is_out(camera)
+        };
+        let seeing = || (0..self.cameras.len()).filter(|c| sees(&self.watch, *c));
+        let own = |camera: usize| &self.watch.repeated[camera];
+        if !seeing().any(|c| own(c).was_moving) || !seeing().all(|c| own(c).is_repeated()) {
+            return;
+        }
+        for camera in 0..self.cameras.len() {
+            self.watch.repeated[camera].is_stale |= sees(&self.watch, camera);
         }
     }
 }
