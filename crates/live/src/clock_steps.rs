@@ -86,6 +86,11 @@ struct Suspected {
 impl ClockSteps {
     /// When the next frame was filmed.
     pub(crate) fn stamped(&mut self, stamp_ns: i64, received_ns: i64) -> Stamped {
+        if let Some(by_ns) = self.corrected_in_vain() {
+            self.latest_ns.iter_mut().for_each(|frame| *frame = (frame.0 - by_ns, frame.1 + by_ns));
+            (self.ahead_ns, self.suspected) = (0, None);
+            return self.keep(stamp_ns, received_ns, Some(by_ns));
+        }
         let own_ns = stamp_ns - self.ahead_ns;
         let underway_ns = received_ns - own_ns;
         let Some(mut suspected) = self.suspected.take().or_else(|| self.suspect(own_ns)) else {
@@ -103,6 +108,14 @@ impl ClockSteps {
         self.suspected = Some(suspected);
         let is_of_camera = suspected.log_odds <= -DECISIVE_LOG_ODDS;
         Stamped { stamp_ns: is_of_camera.then_some(own_ns), step_ns: None }
+    }
+
+    /// The step back to the clock as it was at first, where most frames of a second arrived as they do in the long run by
+    /// stamps that are not corrected, and not by those that are: when the clock was right again arrivals were too uneven to show it.
+    fn corrected_in_vain(&self) -> Option<i64> {
+        let Beat { underway_ns, std_ns } = self.expected().filter(|_| self.ahead_ns != 0)?.beat;
+        let is_clear = self.ahead_ns.abs() as f64 >= CLEAR * std_ns;
+        (is_clear && self.is_news(-self.ahead_ns, underway_ns)).then_some(-self.ahead_ns)
     }
 
     fn keep(&mut self, corrected_ns: i64, received_ns: i64, step_ns: Option<i64>) -> Stamped {
@@ -134,8 +147,8 @@ impl ClockSteps {
         let long_ns = self.underway_ns.get_or_insert(beat.underway_ns as f64);
         // What is beyond chance counts as much as chance allows (Huber 1981).
         *long_ns += (beat.underway_ns as f64 - *long_ns).clamp(-beat.std_ns, beat.std_ns) / LONG;
-        let step_ns = own_ns - last_ns - interval_ns;
         let suspected = |step_ns| Some(Suspected { step_ns, beat, frames: 0, log_odds: 0.0 });
+        let step_ns = own_ns - last_ns - interval_ns;
         // To within what frames are uneven the clock is right again.
         if self.ahead_ns != 0 && (self.ahead_ns + step_ns).abs() as f64 <= uneven_ns {
             return suspected(-self.ahead_ns);
@@ -277,6 +290,20 @@ mod tests {
             assert!(off_ns.is_some_and(|ns| ns.abs() < 1_000_000), "{off_ns:?} after a step of {ahead_ns}");
         }
         assert!(seen > 360, "{seen} of 400 steps");
+    }
+
+    /// A clock that was right again while the computer was busy was corrected to the end of the flight.
+    #[test]
+    fn a_clock_that_is_right_again_while_arrivals_are_uneven_is_found_when_they_are_even() {
+        let mut random = Random::new(9, 1);
+        for ahead_ns in [18_640_000, -18_640_000, 5_000_000, -300_000_000] {
+            let mut film = Film::new();
+            (0..60).for_each(|_| drop(film.next(ahead_ns, 0, 0)));
+            (0..12).for_each(|_| drop(film.next(0, 0, (9e7 * random.uniform()) as i64)));
+            let found: Vec<_> = (0..40).map(|_| film.next(0, 0, 0).0).collect();
+            let is_right = |off: &Option<i64>| off.is_some_and(|ns| ns.abs() < 1_000_000);
+            assert!(found[31..].iter().all(is_right), "{ahead_ns}: {found:?}");
+        }
     }
 
     #[test]
