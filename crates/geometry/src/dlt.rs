@@ -90,19 +90,19 @@ impl Dlt {
     /// points.
     ///
     /// # Errors
-    /// [`GeometryError::UndeterminedCamera`] when the left 3×3 block is singular: an affine or degenerate
-    /// view.
+    /// [`GeometryError::UndeterminedCamera`] when the left 3×3 block is singular, an affine or degenerate view, and
+    /// where the camera is too far away for its place to be a number.
     pub fn camera(&self, size: ImageSize) -> Result<Camera, GeometryError> {
         let undetermined = GeometryError::UndeterminedCamera { condition: f64::INFINITY };
         let p = self.matrix();
         let left: Matrix3<f64> = p.fixed_columns::<3>(0).into_owned();
         let (k, rotation) = rq(&(left * left.determinant().signum())).ok_or(undetermined.clone())?;
         let centre = -(left.try_inverse().ok_or(undetermined.clone())? * p.column(3));
-        if !centre.iter().chain(k.iter()).all(|x| x.is_finite()) {
-            return Err(undetermined);
-        }
         let cam_from_world = Isometry3::from_parts(Translation3::from(-(rotation * centre)), rotation);
-        Ok(Camera::undistorted(cam_from_world, Intrinsics::from_matrix(&k), size))
+        let camera = Camera::undistorted(cam_from_world, Intrinsics::from_matrix(&k), size);
+        // Numbers near the largest overflow on the way to and fro.
+        let is_finite = camera.centre_in_world().iter().chain(k.iter()).all(|x| x.is_finite());
+        if is_finite { Ok(camera) } else { Err(undetermined) }
     }
 
     /// The linear least-squares fit to six control points or more: the start of a bundle adjustment.
@@ -249,6 +249,20 @@ mod tests {
             }
             let target = camera.cam_from_world * nalgebra::Point3::new(0.0, 0.0, 1.5);
             assert!((target.z + 6.37).abs() < 0.02, "table 1 counts u leftwards: its images are mirrored");
+        }
+    }
+
+    /// A coefficient of 1e308 was a camera whose centre is not finite.
+    #[test]
+    fn a_camera_whose_place_is_no_number_is_refused() {
+        let mut random = Random::new(54, 0);
+        for _ in 0..20_000 {
+            let l: [f64; 11] =
+                std::array::from_fn(|_| random.normal() * 10f64.powf(random.between(-3.0, 3.0)));
+            let far: [f64; 11] = std::array::from_fn(|k| if k % 4 == 3 { 1e305 * l[k] } else { l[k] });
+            if let Ok(camera) = (Dlt { l: far }).camera(SIZE) {
+                assert!(camera.centre_in_world().iter().all(|x| x.is_finite()), "{far:?}");
+            }
         }
     }
 
