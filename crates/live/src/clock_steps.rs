@@ -4,8 +4,7 @@ use std::collections::VecDeque;
 
 /// Frames by which it is known how regularly a camera's frames are stamped and arrive: a second of video.
 const KEPT: usize = 31;
-/// Standard deviations beyond which a stamp leaves the beat of those before it, or an arrival its own: more is noise once in
-/// five hundred million frames.
+/// Standard deviations beyond which a stamp leaves the beat of those before it: more is noise once in five hundred million frames.
 const GATE: f64 = 6.0;
 /// Logarithm of the odds, 999 to 1, at which it was the clock and not the camera that left the beat.
 const DECISIVE_LOG_ODDS: f64 = 6.907;
@@ -113,7 +112,10 @@ impl ClockSteps {
     /// The step back to the clock as it was at first, where most frames of a second arrived as they do in the long run by
     /// stamps that are not corrected, and not by those that are: when the clock was right again arrivals were too uneven to show it.
     fn corrected_in_vain(&self) -> Option<i64> {
-        let Beat { underway_ns, std_ns } = self.expected().filter(|_| self.ahead_ns != 0)?.beat;
+        if self.ahead_ns == 0 {
+            return None;
+        }
+        let Beat { underway_ns, std_ns } = self.expected()?.beat;
         let is_clear = self.ahead_ns.abs() as f64 >= CLEAR * std_ns;
         (is_clear && self.is_news(-self.ahead_ns, underway_ns)).then_some(-self.ahead_ns)
     }

@@ -23,7 +23,7 @@ pub struct InstantEstimate<'a> {
     pub association: Association,
     /// Cameras found to be moved that do not fit again.
     pub moved: &'a [MovedCamera],
-    /// Cameras that repeat an image from before another one saw the body move on.
+    /// Cameras that repeat an image from before the body moved on.
     pub stale: Vec<usize>,
 }
 

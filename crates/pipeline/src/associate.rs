@@ -162,7 +162,7 @@ impl FlightAssociator {
         self.associator.let_cameras_return();
     }
 
-    /// Whether a camera repeats an image from before another one saw the body move on; it takes no part until it shows another.
+    /// Whether a camera repeats an image from before the body moved on; it takes no part until it shows another.
     pub fn is_stale(&self, camera: usize) -> bool {
         self.associator.is_stale(camera)
     }

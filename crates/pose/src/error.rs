@@ -222,7 +222,7 @@ pub enum PoseError {
         /// Root of the mean square.
         times: f64,
     },
-    /// Cameras contradict each other, and one of them shows no more than in the image before.
+    /// An image is repeated that may be of another time: it contradicts another camera, or none sees the moving body anew.
     #[error(
         "an image is repeated that may be of another time, and no camera or not enough of them sees the aircraft anew: check the cable, the bandwidth and the driver of those in whose images the balls stand still"
     )]
