@@ -187,19 +187,19 @@ fn what_happened(
     // No frame is missing, or as many as the flight asks for.
     let most = ((gap_s / interval_s) as usize).saturating_sub(1);
     let steps: Vec<f64> = (0..=most).map(by_s).collect();
+    let against = if is_whole && backward == 0 { USUAL_LOSS } else { 0.0 };
     let mut decided = by_clocks(streams, camera, (place, interval_s), &steps, rig, vehicle);
-    if decided.1.abs() < DECISIVE {
+    if (-DECISIVE..DECISIVE + against).contains(&decided.1) {
         let compared = if is_whole { 1 } else { (1 + MOST_COMPARED).min(steps.len()) };
         let seen = camera_streams(streams, &MarkerColors::of(vehicle));
         let odds = |by_s: f64| {
             let with = moved(&seen, camera, stream.stamps_ns[at], -ns(by_s));
             let odds = odds_of_stamps(rig, &body_markers(vehicle), camera, [&seen, &with]);
-            let lead = odds.map_or(0.0, |odds| beyond_doubt(odds, by_s / interval_s));
-            if is_whole && backward == 0 { lead - USUAL_LOSS } else { lead }
+            odds.map_or(0.0, |odds| beyond_doubt(odds, by_s / interval_s))
         };
         decided = likeliest(&steps[..compared], odds);
     }
-    let (set_s, lead) = decided;
+    let (set_s, lead) = (decided.0, decided.1 - against);
     // No time passes backward; but frames may be written twice.
     let lead = if backward > 0 && !is_whole { f64::INFINITY } else { lead };
     if set_s.abs() < OUT_OF_BEAT * interval_s {

@@ -1,9 +1,11 @@
 //! Which of two readings of one camera's time stamps the other cameras agree with.
 
-use super::equations::{MOST_INSTANTS, Problem};
+use super::equations::{BOUND, MOST_INSTANTS, Problem, View};
 use super::search;
 use super::types::{CameraClock, CameraStream};
+use crate::reprojection::huber;
 use crate::{BodyMarker, Rig};
+use nalgebra::Vector2;
 
 /// How much what all cameras saw speaks for one of two readings of a camera's time stamps.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -19,8 +21,11 @@ pub struct StampOdds {
 ///
 /// Each reading is given the clocks, the poses and the systematic errors of the centres that fit it best, over the whole flight.
 /// What is compared is the chi-square of the reprojection errors that remain, at instants of the other cameras that both
-/// readings explain, in units of what the better one leaves where that is more than is claimed. The speed of a ball
-/// in its image is not used: in a slow flight it is lost in noise, and a step that is one of few needs no derivative.
+/// readings explain, in units of what the better one leaves where that is more than is claimed. Two readings bring other
+/// frames together, with other noise, so that their chi-squares differ in hover too: a sum of differences d counts as no more
+/// than the odds (Σd)²/Σd² of one normal number against zero. Errors that last say the same many times over: the odds are
+/// divided by the number of instants over which what the better reading leaves is correlated. The speed of a ball in its
+/// image is not used: in a slow flight it is lost in noise, and a step that is one of few needs no derivative.
 pub fn odds_of_stamps(
     rig: &Rig,
     markers: &[BodyMarker],
@@ -39,11 +44,59 @@ pub fn odds_of_stamps(
     let second_clocks = search::refitted(&mut by_second, second_clocks)?;
     let scale = by_first.scale.min(by_second.scale).max(1.0);
     (by_first.scale, by_second.scale) = (scale, scale);
-    let remain = std::iter::zip(by_first.losses(&first_clocks), by_second.losses(&second_clocks));
-    let both: Vec<(f64, f64)> = remain.filter_map(|(a, b)| a.zip(b)).collect();
-    let (first, second) = both.iter().fold((0.0, 0.0), |sum, (a, b)| (sum.0 + a, sum.1 + b));
-    let odds = || StampOdds { lead: (first - second) / scale, chi_square: first.min(second) / scale };
-    (both.len() >= LEAST_INSTANTS).then(odds)
+    let (by_first, by_second) = (by_first.remainders(&first_clocks), by_second.remainders(&second_clocks));
+    let compared = |(a, b): (&Option<Remainder>, &Option<Remainder>)| {
+        a.as_ref().zip(b.as_ref()).map(|(a, b)| Compared::of(a, b, scale))
+    };
+    let both: Vec<Compared> = std::iter::zip(&by_first, &by_second).filter_map(compared).collect();
+    if both.len() < LEAST_INSTANTS {
+        return None;
+    }
+    let (first, second) = both.iter().fold((0.0, 0.0), |sum, c| (sum.0 + c.first, sum.1 + c.second));
+    let correlated = correlated_instants(if first < second { &by_first } else { &by_second });
+    let (ahead, by_chance) = (first - second, both.iter().map(Compared::square_by_chance).sum::<f64>());
+    let lead = ahead.signum() * ahead.abs().min(ahead * ahead / by_chance.max(f64::MIN_POSITIVE));
+    Some(StampOdds { lead: lead / correlated, chi_square: first.min(second) / correlated })
+}
+
+/// Chi-squares that two readings leave of one instant, in units of what is usual.
+struct Compared {
+    first: f64,
+    second: f64,
+    redundancy: f64,
+}
+
+impl Compared {
+    fn of(first: &Remainder, second: &Remainder, scale: f64) -> Self {
+        let redundancy = 0.5 * (first.redundancy + second.redundancy);
+        Self { first: first.loss / scale, second: second.loss / scale, redundancy }
+    }
+
+    /// Square of the difference, as far as noise explains it: that of two independent chi-squares has four times their degrees
+    /// of freedom on average.
+    fn square_by_chance(&self) -> f64 {
+        (self.first - self.second).powi(2).min(BOUND * BOUND * 4.0 * self.redundancy)
+    }
+}
+
+/// Instants that together say what one says: 1 + 2Σρ, where ρ is the correlation of what remains of each centre with the same so
+/// many instants later, up to the first that is not positive (Geyer 1992, section 3.3).
+fn correlated_instants(remainders: &[Option<Remainder>]) -> f64 {
+    let mean_product = |apart: usize| {
+        let pairs = std::iter::zip(remainders, remainders.get(apart..).unwrap_or_default());
+        let (mut sum, mut count) = (0.0, 0_u32);
+        for (a, b) in pairs.filter_map(|(a, b)| a.as_ref().zip(b.as_ref())) {
+            for (row, left) in &a.whitened {
+                let Some((_, later)) = b.whitened.iter().find(|(other, _)| other == row) else { continue };
+                sum += left.dot(later);
+                count += 1;
+            }
+        }
+        if count > 0 { sum / f64::from(count) } else { 0.0 }
+    };
+    let variance = mean_product(0);
+    let correlations = (1..remainders.len()).map(|apart| mean_product(apart) / variance);
+    1.0 + 2.0 * correlations.take_while(|correlation| *correlation > 0.0).sum::<f64>()
 }
 
 /// At fewer instants a median says little of the noise.
@@ -63,7 +116,32 @@ fn fitted<'a>(
     Some((problem, clocks))
 }
 
+/// What remains of the reprojection errors of an instant beside its pose.
+struct Remainder {
+    loss: f64,
+    redundancy: f64,
+    /// By the row of the centre's systematic error: the whitened residual, bounded.
+    whitened: Vec<(usize, Vector2<f64>)>,
+}
+
 impl Problem<'_> {
+    /// What remains of each instant under some clocks; none of one without a pose by two cameras.
+    fn remainders(&self, clocks: &[CameraClock]) -> Vec<Option<Remainder>> {
+        let (paths, mut views) = (self.paths(clocks), Vec::new());
+        let all: Vec<usize> = (0..self.streams.len()).collect();
+        let mut of = |k: usize| {
+            let fit = self.pose_of(&paths, k, &all, &mut views)?;
+            let left = |v: &View| {
+                let whitened = self.scene().at(&v.seen, &fit.world_from_body).ok()?.whitened;
+                let root = huber(whitened.norm_squared(), self.bound2()).0.sqrt();
+                Some((self.row(v.seen.camera, v.seen.point), whitened * root))
+            };
+            let (loss, redundancy) = (fit.loss, fit.redundancy() as f64);
+            Some(Remainder { loss, redundancy, whitened: views.iter().filter_map(left).collect() })
+        };
+        (0..self.instants.len()).map(&mut of).collect()
+    }
+
     /// Looks at the instants of one camera alone.
     fn look_at(&mut self, stream: &CameraStream) {
         let mut instants: Vec<f64> =
@@ -72,5 +150,33 @@ impl Problem<'_> {
         let stride = instants.len().div_ceil(MOST_INSTANTS).max(1);
         self.instants = instants.into_iter().step_by(stride).collect();
         self.poses = vec![None; self.instants.len()];
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mavsight_random::Random;
+
+    /// Errors that last were counted as often as there were frames. Of a chain in which each error is the part r of that before, as
+    /// many say what one does as (1 + r)/(1 - r).
+    #[test]
+    fn errors_that_last_count_once_for_as_long_as_they_last() {
+        let mut random = Random::new(9, 0);
+        for r in [0.0, 0.5, 0.9] {
+            let mut errors = [Vector2::zeros(); 8];
+            let remainders: Vec<Option<Remainder>> = (0..2000)
+                .map(|k| {
+                    for e in &mut errors {
+                        *e = *e * r + Vector2::from(random.normals());
+                    }
+                    let whitened = errors.iter().copied().enumerate().map(|(m, e)| (2 * m, e)).collect();
+                    (k % 7 != 0).then_some(Remainder { loss: 1.0, redundancy: 10.0, whitened })
+                })
+                .collect();
+            let (got, exact) = (correlated_instants(&remainders), (1.0 + r) / (1.0 - r));
+            assert!((got / exact - 1.0).abs() < 0.15, "{r}: {got} for {exact}");
+        }
+        assert_eq!(correlated_instants(&[]), 1.0);
     }
 }

@@ -19,7 +19,7 @@ const BLOCKS: usize = 24;
 const SYSTEMATIC_STD_PX: f64 = 1.0;
 
 /// Whitened residuals longer than this many times the flight's scale weigh no more than one of that length.
-const BOUND: f64 = 2.5;
+pub(super) const BOUND: f64 = 2.5;
 
 /// Steps to a pose, which is taken as far as it has come, and the drop of chi-square that ends them.
 const MOST_STEPS: usize = 12;
@@ -44,7 +44,7 @@ struct Speeds {
 }
 
 pub(super) struct View {
-    seen: PointObservation,
+    pub(super) seen: PointObservation,
     of: InPath,
     velocity: PathVelocity,
     rows_px: f64,
@@ -154,7 +154,7 @@ impl<'a> Problem<'a> {
     }
 
     /// Where the systematic error of a centre begins.
-    fn row(&self, camera: usize, marker: usize) -> usize {
+    pub(super) fn row(&self, camera: usize, marker: usize) -> usize {
         2 * (camera * self.scene().points.len() + marker)
     }
 
@@ -176,7 +176,7 @@ impl<'a> Problem<'a> {
     }
 
     /// The pose of an instant, where two cameras determine it with redundancy, and its views.
-    fn pose_of(
+    pub(super) fn pose_of(
         &self,
         paths: &[Vec<PixelPath>],
         instant: usize,
@@ -239,14 +239,6 @@ impl<'a> Problem<'a> {
         sums
     }
 
-    /// What reprojection errors remain of each instant under some clocks; none of one without a pose by two cameras.
-    pub(super) fn losses(&self, clocks: &[CameraClock]) -> Vec<Option<f64>> {
-        let (paths, mut views) = (self.paths(clocks), Vec::new());
-        let all: Vec<usize> = (0..self.streams.len()).collect();
-        let at = |k: usize| Some(self.pose_of(&paths, k, &all, &mut views)?.loss);
-        (0..self.instants.len()).map(at).collect()
-    }
-
     /// The pose nearest to a start that fits the views best, with bounded influence.
     fn fitted_pose(&self, views: &[View], start: &Isometry3<f64>) -> Option<PoseFit> {
         let seen: Vec<_> = views.iter().map(|v| v.seen).collect();
@@ -257,7 +249,7 @@ impl<'a> Problem<'a> {
         self.estimator.scene()
     }
 
-    fn bound2(&self) -> f64 {
+    pub(super) fn bound2(&self) -> f64 {
         BOUND * BOUND * self.scale
     }
 

@@ -207,3 +207,40 @@ fn a_long_flight_is_looked_at_in_even_stretches_and_a_short_one_whole() {
     let gaps: Vec<i64> = hour.windows(2).map(|w| w[1].0 - w[0].1).collect();
     assert!(gaps.iter().all(|g| (g - gaps[0]).abs() < 1000), "{gaps:?}");
 }
+
+/// Twice the logarithm of odds of 999 to 1.
+const DECISIVE: f64 = 13.8;
+
+/// Odds of a step by missing frames of the second camera, in the middle of a flight, against missing frames.
+fn odds_of_missing(missing: usize, seen: [CameraStream; 2]) -> StampOdds {
+    let mut lossy = seen;
+    let from_ns = (2.0e9_f64).round() as i64;
+    let to_ns = from_ns + (missing as f64 * H * 1e9).round() as i64;
+    lossy[1].observations.retain(|o| !(from_ns..to_ns).contains(&o.t_ns));
+    let mut stepped = lossy.clone();
+    for o in stepped[1].observations.iter_mut().filter(|o| o.t_ns >= to_ns) {
+        o.t_ns -= to_ns - from_ns;
+    }
+    odds_of_stamps(&rig(), &body(), 1, [&lossy, &stepped]).unwrap()
+}
+
+fn two_cameras(flight: (f64, f64), seed: u64) -> [CameraStream; 2] {
+    let mut random = Random::new(seed, 0);
+    [0, 1].map(|k| stream(k, CameraClock::default(), H, flight, &mut random))
+}
+
+/// Which noise met which decided between missing frames and a clock that was set: of hovers, one in seven was said to be the latter.
+#[test]
+fn noise_decides_nothing_in_hover() {
+    let leads = (0..30).map(|seed| odds_of_missing(8, two_cameras((4.0, 0.0), seed)).lead);
+    let largest = leads.fold(0.0_f64, |most, lead| most.max(lead.abs()));
+    assert!(largest > 0.1 && largest < DECISIVE, "{largest}");
+}
+
+#[test]
+fn a_flight_decides_between_missing_frames_and_a_clock_that_was_set() {
+    for seed in 0..5 {
+        let lead = odds_of_missing(3, two_cameras((4.0, 1.0), seed)).lead;
+        assert!(lead < -2.0 * DECISIVE, "{lead}");
+    }
+}
