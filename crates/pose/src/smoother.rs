@@ -9,6 +9,7 @@
 mod believed;
 mod causal;
 mod density;
+mod hidden;
 mod integrator;
 mod jumps;
 mod motion;

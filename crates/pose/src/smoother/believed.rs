@@ -1,6 +1,7 @@
 //! Which poses the smoother believes.
 
 use crate::estimate::chi_square_beyond;
+use crate::smoother::hidden::LONGER;
 use crate::smoother::noise::{Likely, likely};
 use crate::smoother::passes::{Checked, Flown, each_smoothed};
 use crate::smoother::rates::Rates;
@@ -15,8 +16,6 @@ const FALSE_ALARM: f64 = 0.001;
 /// Rounds of rejection. Wrong poses of one place are left out one after the other, those of different places
 /// together.
 const MOST_ROUNDS: usize = 12;
-/// Steps between poses that are longer than this many usual ones are gaps.
-const LONGER: f64 = 1.5;
 /// Coordinates of a pose.
 const POSE: usize = 6;
 /// Poses behind a gap from which a place, its rate and the rate of that follow.
@@ -77,7 +76,7 @@ pub(crate) fn believed<'a>(
     let begun = anew.iter().filter(|k| kept[**k].estimate.is_ok());
     let severed_ns = begun.filter_map(|k| Some((before(*k)?, kept[*k].t_ns))).collect();
     let left_out_ns = left_out.iter().map(|k| poses[*k].t_ns).collect();
-    Ok(Believed { poses: kept, anew, found, doubts: Doubts { left_out_ns, severed_ns } })
+    Ok(Believed { poses: kept, anew, found, doubts: Doubts { left_out_ns, severed_ns, ..Doubts::default() } })
 }
 
 enum Wrong {

@@ -179,6 +179,9 @@ pub struct Doubts {
     /// Times of the last pose before and the first behind each gap that the motion does not cross: the poses
     /// behind it contradict those before it.
     pub severed_ns: Vec<(i64, i64)>,
+    /// Times of the last pose before and the first behind each gap that the motion crosses but in which it is not known: the
+    /// flight shows the gap's length too seldom to say how lively an aircraft is for as long.
+    pub hidden_ns: Vec<(i64, i64)>,
 }
 
 impl Doubts {
@@ -199,6 +202,15 @@ impl Doubts {
                 "The motion is not known across {} gap(s) between poses, the first from {:.3} to {:.3} s: the poses \
                  behind it contradict those before it at the jerk that the rest of the flight shows.",
                 self.severed_ns.len(),
+                seconds(*from),
+                seconds(*to)
+            ));
+        }
+        if let Some((from, to)) = self.hidden_ns.first() {
+            words.push(format!(
+                "The motion is not known in {} gap(s) between poses, the first from {:.3} to {:.3} s: they are longer than a \
+                 ninth of what was seen, and may hide a manoeuvre. Fly for longer, or where two cameras see the aircraft.",
+                self.hidden_ns.len(),
                 seconds(*from),
                 seconds(*to)
             ));

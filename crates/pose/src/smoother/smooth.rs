@@ -5,6 +5,7 @@
 
 use crate::smoother::believed::{Believed, believed};
 use crate::smoother::density::Densities;
+use crate::smoother::hidden::hidden_gaps;
 use crate::smoother::jumps::{disturbances, widened};
 use crate::smoother::noise::{Likely, NEEDED, check};
 use crate::smoother::passes::{EffectsOf, Flown, each_smoothed};
@@ -27,8 +28,8 @@ mod agree;
 ///
 /// Instants without a pose are predicted only. In gaps longer than [`crate::MotionNoise::longest_gap_s`], before the
 /// first pose and behind the last the motion is not known; each side of a gap is smoothed by itself. Poses
-/// that disagree with all others beyond chance are left out, and where the poses behind a gap contradict the
-/// motion before it, the motion in between is not known ([`crate::Doubts`]).
+/// that disagree with all others beyond chance are left out. Where the poses behind a gap contradict the motion before it, or the
+/// flight shows a gap's length too seldom, the motion in between is not known ([`crate::Doubts`]).
 ///
 /// # Errors
 /// [`PoseError::TooFewPoses`] under 10 poses, or where no part without a longer gap has as many;
@@ -77,10 +78,12 @@ fn motion_of(believed: Believed<'_>, effects: EffectsOf<'_>, gravity_m_s2: f64) 
     if !gravity_m_s2.is_finite() {
         return Err(PoseError::BadPose { index: 0, what: "gravity" });
     }
-    let Believed { poses: flown, anew, found, doubts } = believed;
+    let Believed { poses: flown, anew, found, mut doubts } = believed;
     let (poses, mut samples) = (&*flown, Vec::with_capacity(flown.len()));
     let parts = known_parts(poses, &anew, &found);
-    let is_known = |k: &usize| parts.iter().any(|part| part.contains(k));
+    doubts.hidden_ns = hidden_gaps(poses, &parts, found.rates);
+    let is_hidden = |t_ns: i64| doubts.hidden_ns.iter().any(|(from, to)| (from + 1..*to).contains(&t_ns));
+    let is_known = |k: &usize| parts.iter().any(|part| part.contains(k)) && !is_hidden(poses[*k].t_ns);
     let unknown_ns = (0..poses.len()).filter(|k| !is_known(k)).map(|k| poses[k].t_ns).collect();
     for part in parts.iter().rev().cloned() {
         let (first, flown) = (part.start, &poses[part]);
@@ -111,6 +114,7 @@ fn motion_of(believed: Believed<'_>, effects: EffectsOf<'_>, gravity_m_s2: f64) 
         let measured = poses.iter().filter(|p| p.estimate.is_ok()).count();
         return Err(PoseError::TooFewPoses { measured, samples: poses.len(), needed: NEEDED });
     }
+    samples.retain(|sample| !is_hidden(sample.t_ns));
     samples.reverse();
     let (translation_bandwidth_hz, rotation_bandwidth_hz) = found.bandwidth_hz;
     let sample_interval_s = median(poses.windows(2).map(|w| (w[1].t_ns - w[0].t_ns) as f64 * 1e-9).collect());
