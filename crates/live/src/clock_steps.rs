@@ -20,7 +20,7 @@ const CLEAR: f64 = 3.7;
 const MOST_FRAMES: u32 = 8;
 /// Degrees of freedom of Student's density, as which arrivals are distributed: some are very late (Lange, Little & Taylor 1989).
 const ARRIVAL_DEGREES: f64 = 3.0;
-/// Frames over which the time on the way is averaged in the long run: a minute of video.
+/// Frames over which the time on the way is averaged where stamps are in whole milliseconds: a minute of video.
 const LONG: f64 = 1800.0;
 
 /// A camera's time stamps, by its clock as it was at first.
@@ -37,13 +37,13 @@ pub(crate) struct ClockSteps {
     /// Latest stamps, corrected, and the time from each to its arrival.
     latest_ns: VecDeque<(i64, i64)>,
     /// That time in the long run.
-    underway_ns: Option<f64>,
+    usual: Option<Usual>,
     suspected: Option<Suspected>,
 }
 
 impl Default for ClockSteps {
     fn default() -> Self {
-        Self { ahead_ns: 0, latest_ns: VecDeque::with_capacity(KEPT), underway_ns: None, suspected: None }
+        Self { ahead_ns: 0, latest_ns: VecDeque::with_capacity(KEPT), usual: None, suspected: None }
     }
 }
 
@@ -70,6 +70,13 @@ struct Expected {
 struct Beat {
     underway_ns: i64,
     std_ns: f64,
+}
+
+/// The time from a stamp to its arrival in the long run, and its variance.
+#[derive(Debug, Clone, Copy)]
+struct Usual {
+    underway_ns: f64,
+    variance_ns2: f64,
 }
 
 /// A step that a stamp shows, while it is open whether it is the clock's.
@@ -146,9 +153,7 @@ impl ClockSteps {
     /// A step, where a stamp is not in the beat, and no frames that are missing, come twice or out of order make it so.
     fn suspect(&mut self, own_ns: i64) -> Option<Suspected> {
         let Expected { last_ns, interval_ns, uneven_ns, beat } = self.expected()?;
-        let long_ns = self.underway_ns.get_or_insert(beat.underway_ns as f64);
-        // What is beyond chance counts as much as chance allows (Huber 1981).
-        *long_ns += (beat.underway_ns as f64 - *long_ns).clamp(-beat.std_ns, beat.std_ns) / LONG;
+        self.usual = Some(Usual::with(self.usual, beat));
         let suspected = |step_ns| Some(Suspected { step_ns, beat, frames: 0, log_odds: 0.0 });
         let step_ns = own_ns - last_ns - interval_ns;
         // To within what frames are uneven the clock is right again.
@@ -165,8 +170,25 @@ impl ClockSteps {
     /// Whether a step leads nearer to the time on the way in the long run: after a step that was not seen the clock is right
     /// again by what another one seems.
     fn is_news(&self, step_ns: i64, underway_ns: i64) -> bool {
-        let from_usual_ns = |ns: i64| (self.underway_ns.unwrap_or_default() - ns as f64).abs();
+        let usual_ns = self.usual.map_or(0.0, |usual| usual.underway_ns);
+        let from_usual_ns = |ns: i64| (usual_ns - ns as f64).abs();
         from_usual_ns(underway_ns + step_ns) < from_usual_ns(underway_ns)
+    }
+}
+
+impl Usual {
+    /// After another second of frames: a level that wanders slowly (Harvey 1989, section 2.3), so that seconds in which frames
+    /// arrive unevenly hardly count.
+    fn with(before: Option<Self>, beat: Beat) -> Self {
+        let (found_ns, found_ns2) = (beat.underway_ns as f64, beat.std_ns * beat.std_ns);
+        let Some(Self { underway_ns, variance_ns2 }) = before else {
+            return Self { underway_ns: found_ns, variance_ns2: found_ns2 };
+        };
+        let wandered_ns2 = variance_ns2 + (RESOLUTION_NS / LONG).powi(2);
+        let gain = wandered_ns2 / (wandered_ns2 + found_ns2);
+        // What is beyond chance counts as much as chance allows (Huber 1981).
+        let news_ns = (found_ns - underway_ns).clamp(-beat.std_ns, beat.std_ns);
+        Self { underway_ns: underway_ns + gain * news_ns, variance_ns2: wandered_ns2 * (1.0 - gain) }
     }
 }
 
@@ -310,6 +332,25 @@ mod tests {
             let found: Vec<_> = (0..40).map(|_| film.next(0, 0, 0).0).collect();
             let is_right = |off: &Option<i64>| off.is_some_and(|ns| ns.abs() < 1_000_000);
             assert!(found[31..].iter().all(is_right), "{ahead_ns}: {found:?}");
+        }
+    }
+
+    /// After minutes in which the computer was busy, their time on the way was the usual one: no clock was found to be right again.
+    #[test]
+    fn minutes_of_uneven_arrivals_leave_the_time_on_the_way_as_it_was() {
+        let mut random = Random::new(10, 1);
+        for ahead_ns in [12_000_000, -12_000_000, 310_000_000, -310_000_000] {
+            let mut film = Film::new();
+            for _ in 0..6000 {
+                film.next(0, 0, (3e8 * random.uniform().powi(3)) as i64);
+            }
+            for round in 0..4 {
+                for (ahead_ns, frames) in [(0, 90), (ahead_ns, 60)] {
+                    let found: Vec<_> = (0..frames).map(|_| film.next(ahead_ns, 0, 0).0).collect();
+                    let is_right = |off: &Option<i64>| off.is_some_and(|ns| ns.abs() < 1_000_000);
+                    assert!(found[40..].iter().all(is_right), "{ahead_ns}, round {round}: {found:?}");
+                }
+            }
         }
     }
 
