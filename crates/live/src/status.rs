@@ -16,6 +16,10 @@ const REPORT_AGAIN_NS: i64 = 10_000_000_000;
 /// Interval until it is known: that of the slowest camera that can serve an autopilot, four frames a second.
 const SLOWEST_NS: i64 = 250_000_000;
 
+/// What becomes of frames whose stamps are of another clock, and what to do.
+pub(crate) const PASSED_OVER: &str =
+    "its frames are passed over until their time stamps fit again; to have it sooner, start the flight again";
+
 #[derive(Debug, Default)]
 pub(crate) struct CameraStatus {
     pub(crate) interval_ns: i64,
@@ -172,9 +176,7 @@ impl CameraStatus {
                 "it waits for its first frame; if none comes, look at its connection and exposure".to_owned()
             }
             CameraState::Stalled if self.stamps.has_other_clock() => {
-                "its clock was set: its frames are passed over until their time stamps fit again; to have it sooner, \
-                 start the flight again"
-                    .to_owned()
+                format!("its clock was set: {PASSED_OVER}")
             }
             CameraState::Stalled if self.repeats(now_ns) => {
                 "one image comes over and over: what sends it hangs; switch it off and on".to_owned()

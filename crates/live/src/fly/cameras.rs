@@ -3,6 +3,7 @@
 use super::{CHECK, Flight};
 use crate::setup::Pace;
 use crate::stamps::Backward;
+use crate::status::PASSED_OVER;
 use mavsight_link::CameraState;
 use std::time::Duration;
 
@@ -138,7 +139,7 @@ impl Flight<'_> {
             let ahead_s = (t_ns - received_ns) as f64 * 1e-9;
             let name = &self.setup.rig.cameras[camera].name;
             let text = format!(
-                "{name}: its time stamps went ahead of this computer's clock by {ahead_s:.3} s: was a clock set? {PASSED_OVER}"
+                "{name}: its time stamps went ahead of this computer's clock by {ahead_s:.3} s, as of a clock that was set: {PASSED_OVER}."
             );
             self.note(true, text);
         }
@@ -160,8 +161,6 @@ impl Flight<'_> {
     }
 }
 
-const PASSED_OVER: &str = "Its frames are passed over until their time stamps fit again; to have it sooner, start the flight again.";
-
 /// What frames that are not later than those before them show, and what to do.
 fn backward_words(name: &str, found: Backward, back_s: f64) -> String {
     match found {
@@ -173,7 +172,9 @@ fn backward_words(name: &str, found: Backward, back_s: f64) -> String {
              that keeps their order, such as TCP."
         ),
         Backward::ClockSet => {
-            format!("{name}: its time stamps went back by {back_s:.3} s: was a clock set? {PASSED_OVER}")
+            format!(
+                "{name}: its time stamps went back by {back_s:.3} s, as of a clock that was set: {PASSED_OVER}."
+            )
         }
     }
 }
