@@ -23,6 +23,8 @@ pub(crate) enum Fate {
     Ends,
     /// Shows the picture of another frame.
     Shows(u32),
+    /// Shows the balls where they were in another frame.
+    Stands(u32),
     /// Has a stamp that is off, ns.
     Off(i64),
 }
@@ -40,14 +42,18 @@ fn scripted(rig: &Rig, k: usize, clock: FlightClock, frames: u32, fate: fn(u32) 
                     return Next::Over;
                 }
                 let t_ns = i64::from(frame) * STEP_NS;
-                let shown = if let Fate::Shows(other) = fate(frame) { other } else { frame };
-                let at = pose(f64::from(shown) / RATE_HZ);
+                let (placed, shown) = match fate(frame) {
+                    Fate::Shows(other) => (other, other),
+                    Fate::Stands(other) => (other, frame),
+                    _ => (frame, frame),
+                };
+                let at = pose(f64::from(placed) / RATE_HZ);
                 let picture = picture(&view, (fate(frame) != Fate::Empty).then_some(&at), shown as usize);
                 std::thread::sleep(clock.until(t_ns));
                 match fate(frame) {
                     Fate::Silent => {}
                     Fate::Ends => return Next::End("the cable is off".into()),
-                    Fate::Films | Fate::Empty | Fate::Shows(_) => {
+                    Fate::Films | Fate::Empty | Fate::Shows(_) | Fate::Stands(_) => {
                         return Next::Frame(t_ns, Arc::new(picture));
                     }
                     Fate::Off(by_ns) => return Next::Frame(t_ns + by_ns, Arc::new(picture)),

@@ -27,6 +27,20 @@ fn an_image_that_comes_over_and_over_is_no_cable() {
     assert!(!reason.contains("cable") && stalled.0 < 1.85, "{stalled:?}");
 }
 
+/// Its images differ in noise alone: it was said to be moved, and poses were by where the aircraft had been.
+#[test]
+fn a_camera_whose_balls_stand_still_while_the_aircraft_flies_on_is_frozen() {
+    let second = |k: u32| if (15..24).contains(&k) { Fate::Stands(14) } else { Fate::Films };
+    // It has to fit for thirty instants.
+    let flown = flown(62, [|_| Fate::Films, second]);
+    let frozen = flown.states.iter().find(|s| s.2 == CameraState::Frozen).expect("a word of it");
+    assert!(frozen.1 == 1 && (1.5..1.85).contains(&frozen.0), "{frozen:?}");
+    assert!(flown.states.iter().all(|s| s.2 != CameraState::Moved), "{:?}", flown.states);
+    assert!(largest_ratio(&flown) < 6.0, "{}", largest_ratio(&flown));
+    let last = flown.states.iter().rfind(|s| s.1 == 1 && s.0 < 6.0).expect("a state");
+    assert!(last.2 == CameraState::Running, "{:?}", flown.states);
+}
+
 #[test]
 fn frames_that_come_twice_or_out_of_order_are_no_clock_that_was_set() {
     let frames = || film(&rig(), 20, 30.0).swap_remove(1);
