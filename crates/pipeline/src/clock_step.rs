@@ -215,11 +215,10 @@ fn what_happened(
     }
 }
 
-/// What odds of a step of so many frames are, less what may be of the interpolation between frames.
+/// Twice the logarithm of the odds of a step of so many frames, beyond what may be of the interpolation between frames.
 fn beyond_doubt(odds: StampOdds, frames: f64) -> f64 {
     let is_same_phase = (frames - frames.round()).abs() < OUT_OF_BEAT;
-    let doubt = if is_same_phase { 0.0 } else { INTERPOLATED * odds.chi_square };
-    odds.lead.signum() * (odds.lead.abs() - doubt).max(0.0)
+    odds.lead(if is_same_phase { 0.0 } else { INTERPOLATED * odds.chi_square })
 }
 
 /// The step that is likeliest, the first where none is decidedly more so, and twice the logarithm of its odds against none.

@@ -10,10 +10,24 @@ use nalgebra::Vector2;
 /// How much what all cameras saw speaks for one of two readings of a camera's time stamps.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StampOdds {
-    /// Twice the logarithm of the odds of the second against the first.
-    pub lead: f64,
+    /// Chi-square of what the first leaves, less that of the second.
+    pub ahead: f64,
     /// Chi-square of what the better one leaves.
     pub chi_square: f64,
+    /// Variance of the difference by chance alone.
+    pub by_chance: f64,
+    /// Instants that together say what one says.
+    pub correlated: f64,
+}
+
+impl StampOdds {
+    /// Twice the logarithm of the odds of the second reading against the first, where the chi-squares may be wrong by so much
+    /// against each other: no more than those of one normal number, the difference beyond that, against zero.
+    pub fn lead(&self, doubt: f64) -> f64 {
+        let beyond = (self.ahead.abs() - doubt).max(0.0);
+        let by_chance = self.by_chance.max(f64::MIN_POSITIVE);
+        self.ahead.signum() * beyond.min(beyond * beyond / by_chance) / self.correlated
+    }
 }
 
 /// How much what all cameras saw speaks for the second of two readings of one camera's time stamps. None where
@@ -22,10 +36,10 @@ pub struct StampOdds {
 /// Each reading is given the clocks, the poses and the systematic errors of the centres that fit it best, over the whole flight.
 /// What is compared is the chi-square of the reprojection errors that remain, at instants of the other cameras that both
 /// readings explain, in units of what the better one leaves where that is more than is claimed. Two readings bring other
-/// frames together, with other noise, so that their chi-squares differ in hover too: a sum of differences d counts as no more
-/// than the odds (Σd)²/Σd² of one normal number against zero. Errors that last say the same many times over: the odds are
-/// divided by the number of instants over which what the better reading leaves is correlated. The speed of a ball in its
-/// image is not used: in a slow flight it is lost in noise, and a step that is one of few needs no derivative.
+/// frames together, with other noise, so that their chi-squares differ in hover too: a sum of differences d has the variance
+/// Σd² by chance. Errors that last say the same many times over, for as many instants as what the better reading leaves is
+/// correlated. The speed of a ball in its image is not used: in a slow flight it is lost in noise, and a step that is one of
+/// few needs no derivative.
 pub fn odds_of_stamps(
     rig: &Rig,
     markers: &[BodyMarker],
@@ -54,9 +68,8 @@ pub fn odds_of_stamps(
     }
     let (first, second) = both.iter().fold((0.0, 0.0), |sum, c| (sum.0 + c.first, sum.1 + c.second));
     let correlated = correlated_instants(if first < second { &by_first } else { &by_second });
-    let (ahead, by_chance) = (first - second, both.iter().map(Compared::square_by_chance).sum::<f64>());
-    let lead = ahead.signum() * ahead.abs().min(ahead * ahead / by_chance.max(f64::MIN_POSITIVE));
-    Some(StampOdds { lead: lead / correlated, chi_square: first.min(second) / correlated })
+    let by_chance = both.iter().map(Compared::square_by_chance).sum();
+    Some(StampOdds { ahead: first - second, chi_square: first.min(second), by_chance, correlated })
 }
 
 /// Chi-squares that two readings leave of one instant, in units of what is usual.
