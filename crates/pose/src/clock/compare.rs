@@ -21,8 +21,8 @@ pub struct StampOdds {
 }
 
 impl StampOdds {
-    /// Twice the logarithm of the odds of the second reading against the first, where the chi-squares may be wrong by so much
-    /// against each other: no more than those of one normal number, the difference beyond that, against zero.
+    /// Twice the logarithm of the odds of the second reading against the first, where the difference of the chi-squares is known to
+    /// within a doubt: no more than the odds of one normal number, the difference beyond the doubt, against zero.
     pub fn lead(&self, doubt: f64) -> f64 {
         let beyond = (self.ahead.abs() - doubt).max(0.0);
         let by_chance = self.by_chance.max(f64::MIN_POSITIVE);
