@@ -254,6 +254,10 @@ mod tests {
         }
     }
 
+    fn is_right(off_ns: &Option<i64>) -> bool {
+        off_ns.is_some_and(|ns| ns.abs() < 1_000_000)
+    }
+
     #[test]
     fn a_clock_that_is_set_and_right_again_is_corrected_both_times() {
         for ahead_ns in [
@@ -313,7 +317,7 @@ mod tests {
                 film.next(0, 0, underway_ns());
             }
             let off_ns = (0..3).find_map(|_| film.next(0, 0, 0).0);
-            assert!(off_ns.is_some_and(|ns| ns.abs() < 1_000_000), "{off_ns:?} after a step of {ahead_ns}");
+            assert!(is_right(&off_ns), "{off_ns:?} after a step of {ahead_ns}");
         }
         assert!(seen > 360, "{seen} of 400 steps");
     }
@@ -330,7 +334,6 @@ mod tests {
                 film.next(if is_uneven { 0 } else { ahead_ns }, 0, underway_ns);
             }
             let found: Vec<_> = (0..40).map(|_| film.next(0, 0, 0).0).collect();
-            let is_right = |off: &Option<i64>| off.is_some_and(|ns| ns.abs() < 1_000_000);
             assert!(found[31..].iter().all(is_right), "{ahead_ns}: {found:?}");
         }
     }
@@ -347,7 +350,6 @@ mod tests {
             for round in 0..4 {
                 for (ahead_ns, frames) in [(0, 90), (ahead_ns, 60)] {
                     let found: Vec<_> = (0..frames).map(|_| film.next(ahead_ns, 0, 0).0).collect();
-                    let is_right = |off: &Option<i64>| off.is_some_and(|ns| ns.abs() < 1_000_000);
                     assert!(found[40..].iter().all(is_right), "{ahead_ns}, round {round}: {found:?}");
                 }
             }
