@@ -19,6 +19,7 @@ mod rates;
 mod smooth;
 mod state;
 mod whittaker;
+mod wider;
 
 pub use causal::CausalFilter;
 pub use integrator::JerkNoise;

@@ -307,4 +307,13 @@ mod tests {
         assert_eq!((figures.right, figures.wrong), (Some(1.0), 0.0), "{table}");
         assert!(figures.inside > 0.85 && figures.given > 0.9, "{figures:?}");
     }
+
+    /// Flight 783: a hover with one doublet, seen by one camera. Its likeliest noise is correlated errors with nearly no
+    /// motion, and rates were claimed to 0.12 °/s that were off by 15 °/s.
+    #[test]
+    fn a_doublet_that_is_likelier_a_correlated_error_is_in_the_claims() {
+        let row = FaultCampaign::new(1, 2000, None).rows(783..784);
+        let row: Vec<&str> = row.trim_end().split(',').collect();
+        assert_eq!((cell(&row, "first"), cell(&row, "beyond")), ("camera frozen", "0"), "{row:?}");
+    }
 }

@@ -8,7 +8,6 @@ use crate::smoother::density::{Densities, Energy};
 use crate::smoother::integrator::{chain_of, white_jerk};
 use crate::smoother::passes::{Flown, backward};
 use crate::smoother::state::{Adjoint, Joint, MotionNoise};
-use crate::{MotionCovariance, MotionSample};
 use mavsight_geometry::Matrix3;
 use nalgebra::{Vector3, Vector6};
 use statrs::function::erf::erfc;
@@ -16,10 +15,6 @@ use std::collections::BTreeMap;
 
 /// Share of false ones among the jumps that are called, as usual (Benjamini & Hochberg 1995).
 const FALSE_SHARE: f64 = 0.1;
-/// Factor on a variance from which on a row is beside a jump: twice the standard deviation. Less than that is in the claim of all
-/// rows, as the density of the jerk is estimated with the jumps and has what they do in the mean.
-const WIDER: f64 = 4.0;
-
 /// Spectral densities of jerk, of the six coordinates of a pose, beyond those of the noise, by the number of the instant at the
 /// end of an interval.
 #[derive(Debug, Clone, Default)]
@@ -114,14 +109,6 @@ fn clearest(mut called: Vec<Shock>) -> Vec<Shock> {
     called.sort_by_key(|s| (s.coordinate, s.interval));
     let runs = called.chunk_by(|a, b| a.coordinate == b.coordinate && b.interval == a.interval + 1);
     runs.filter_map(|run| run.iter().max_by(|a, b| a.square.total_cmp(&b.square)).copied()).collect()
-}
-
-/// The covariance of an estimate that does not know of jumps, from one that does: that one's own and the square of the
-/// difference. None where that is not clearly more than the estimate claims.
-pub(crate) fn widened(sample: &MotionSample, knowing: &MotionSample) -> Option<MotionCovariance> {
-    let covariance = knowing.covariance.plus_square(&sample.minus(knowing));
-    let is_wider = |k: usize| covariance.variance(k) > WIDER * sample.covariance.variance(k);
-    (0..12).any(is_wider).then(|| covariance.with_noise_of(&sample.covariance))
 }
 
 impl Joint {

@@ -151,15 +151,19 @@ impl MotionCovariance {
 
     /// This covariance and the square of an error.
     pub(crate) fn plus_square(&self, error: &SVector<f64, 18>) -> Self {
-        let six = [0, 1].map(|k| {
-            let own: Matrix6<f64> = unpacked(&self.six[k]);
-            packed(|i, j| own[(i, j)] + error[6 * k + i] * error[6 * k + j])
-        });
-        let three = [0, 1].map(|k| {
-            let own: Matrix3<f64> = unpacked(&self.three[k]);
-            packed(|i, j| own[(i, j)] + error[12 + 3 * k + i] * error[12 + 3 * k + j])
-        });
-        Self { six, three, ..*self }
+        let square = |at: usize, i: usize, j: usize| error[at + i] * error[at + j];
+        let six = [0, 6].map(|at| packed(|i, j| square(at, i, j)));
+        let three = [12, 15].map(|at| packed(|i, j| square(at, i, j)));
+        self.plus(&Self { six, three, noise: [0.0; 6] })
+    }
+
+    /// The covariance of the sum of two independent errors, with this one's variances as the whole flight has them.
+    pub(crate) fn plus(&self, other: &Self) -> Self {
+        let mut sum = *self;
+        let own = sum.six.iter_mut().flatten().chain(sum.three.iter_mut().flatten());
+        let others = other.six.iter().flatten().chain(other.three.iter().flatten());
+        own.zip(others).for_each(|(own, other)| *own += other);
+        sum
     }
 
     /// This covariance times a factor.

@@ -26,6 +26,8 @@ const SIGNIFICANT: f64 = 3.09;
 /// Noise and the bandwidths that it implies, in Hz: of position, of attitude.
 pub(crate) struct Likely<'a> {
     pub(crate) noise: MotionNoise,
+    /// Where that has correlated errors the noise without: that of a flight in which they are motion.
+    pub(crate) if_motion: Option<MotionNoise>,
     pub(crate) bandwidth_hz: (f64, f64),
     /// Share of the stated covariances, of position and of attitude, that the innovations do not show.
     pub(crate) unseen: [f64; 2],
@@ -38,7 +40,8 @@ impl<'a> Likely<'a> {
     pub(crate) fn with_rates(mut self, rates: Option<&'a Rates>) -> Self {
         self.rates = rates;
         if let Some(rates) = rates {
-            self.noise.rotation.intensity = rates.intensity;
+            let noises = std::iter::once(&mut self.noise).chain(&mut self.if_motion);
+            noises.for_each(|noise| noise.rotation.intensity = rates.intensity);
             self.bandwidth_hz.1 = rates.bandwidth_hz;
         }
         self
@@ -79,16 +82,35 @@ pub(crate) fn likely(poses: &[PoseSample], anew: &[usize]) -> Result<Likely<'sta
     // A table without the systematic errors has covariances whose size nobody vouches for.
     let vouched = poses.iter().filter_map(|p| p.estimate.as_ref().ok()).any(|e| e.systematic_columns() > 0);
     let series = Series::of(poses, &anew, PRIOR_TRANSLATION, 0, |pose| pose.translation.vector);
-    let (translation, first_hz, first) = most_likely(&series, vouched).ok_or(failed.clone())?;
+    let place = most_likely(&series, vouched).ok_or(failed.clone())?;
     let series = Series::of(poses, &anew, PRIOR_ROTATION, 3, |pose| pose.rotation);
-    let (rotation, second_hz, second) = most_likely(&series, vouched).ok_or(failed)?;
-    let noise = MotionNoise { translation, rotation };
-    Ok(Likely { noise, bandwidth_hz: (first_hz, second_hz), unseen: [first, second], rates: None })
+    let attitude = most_likely(&series, vouched).ok_or(failed)?;
+    let is_coloured = place.white.is_some() || attitude.white.is_some();
+    let if_motion = MotionNoise {
+        translation: place.white.unwrap_or(place.noise),
+        rotation: attitude.white.unwrap_or(attitude.noise),
+    };
+    Ok(Likely {
+        noise: MotionNoise { translation: place.noise, rotation: attitude.noise },
+        if_motion: is_coloured.then_some(if_motion),
+        bandwidth_hz: (place.bandwidth_hz, attitude.bandwidth_hz),
+        unseen: [place.unseen, attitude.unseen],
+        rates: None,
+    })
 }
 
 /// What the search moves: logarithms of the bandwidth in Hz, of the correlated part's variance over the new
 /// part's, and of its time constant in s.
 type Parameters = [f64; 3];
+
+/// The noise of position or of attitude.
+struct MostLikely {
+    noise: JerkNoise,
+    /// The best without a correlated part of the errors, where that has one.
+    white: Option<JerkNoise>,
+    bandwidth_hz: f64,
+    unseen: f64,
+}
 
 struct Search<'a, P> {
     series: &'a Series<'a, P>,
@@ -102,10 +124,10 @@ struct Search<'a, P> {
 /// frequency. The factor on the covariances is the mean square of the normalised innovations.
 ///
 /// Innovations significantly below covariances that are vouched for show errors that move too slowly to be
-/// distinguished from motion. The factor is then one: the estimate is the same, its covariance is not. The
-/// last value is the share of the covariances that the innovations then do not show, which no smoother
+/// distinguished from motion. The factor is then one: the estimate is the same, its covariance is not. What is unseen
+/// is the share of the covariances that the innovations then do not show, which no smoother
 /// averages out; otherwise zero.
-fn most_likely<P: Place>(series: &Series<'_, P>, vouched: bool) -> Option<(JerkNoise, f64, f64)> {
+fn most_likely<P: Place>(series: &Series<'_, P>, vouched: bool) -> Option<MostLikely> {
     let times: Vec<f64> =
         series.t_s.iter().zip(&series.measured).filter(|(_, m)| m.is_some()).map(|(t, _)| *t).collect();
     let count = times.len() as f64;
@@ -118,25 +140,16 @@ fn most_likely<P: Place>(series: &Series<'_, P>, vouched: bool) -> Option<(JerkN
     };
     let white = |log_hz: f64| [log_hz, f64::NEG_INFINITY, 0.0];
     let (low, high) = ((0.5 / search.duration_s).ln(), (0.5 / search.interval_s).ln());
-    let mut best = white(least(|x| search.cost(&white(x)), low, high, COARSE_STEPS));
-    let sums = search.run(&best).filter(|s| s.count > 0)?;
+    let white = white(least(|x| search.cost(&white(x)), low, high, COARSE_STEPS));
+    let sums = search.run(&white).filter(|s| s.count > 0)?;
     if sums.correlation() > SIGNIFICANT / (sums.count as f64).sqrt() {
-        let coloured = search.coloured(best[0], (low, high));
-        if search.cost(&coloured) + TWO_MORE < search.cost(&best) {
-            best = coloured;
+        let coloured = search.coloured(white[0], (low, high));
+        if search.cost(&coloured) + TWO_MORE < search.cost(&white) {
+            let white = search.scaled(&white, vouched)?.noise;
+            return Some(MostLikely { white: Some(white), ..search.scaled(&coloured, vouched)? });
         }
     }
-    let sums = search.run(&best).filter(|s| s.count > 0)?;
-    let shown = (sums.chi_square / sums.count as f64).max(LEAST_FACTOR);
-    let slow = vouched && shown < 1.0 - SIGNIFICANT * (2.0 / sums.count as f64).sqrt();
-    let factor = if slow { 1.0 } else { shown };
-    let unit = search.noise(&best);
-    let (intensity, correlated) = (unit.intensity * factor, unit.correlated * factor);
-    Some((
-        JerkNoise { intensity, variance_factor: factor, correlated, ..unit },
-        best[0].exp(),
-        if slow { 1.0 - shown } else { 0.0 },
-    ))
+    search.scaled(&white, vouched)
 }
 
 impl<P: Place> Search<'_, P> {
@@ -153,6 +166,22 @@ impl<P: Place> Search<'_, P> {
 
     fn run(&self, at: &Parameters) -> Option<Innovations> {
         innovations(self.series, &self.noise(at))
+    }
+
+    /// Noise with the factor on the covariances that the innovations show, where the covariances do not speak against it.
+    fn scaled(&self, at: &Parameters, vouched: bool) -> Option<MostLikely> {
+        let sums = self.run(at).filter(|s| s.count > 0)?;
+        let shown = (sums.chi_square / sums.count as f64).max(LEAST_FACTOR);
+        let slow = vouched && shown < 1.0 - SIGNIFICANT * (2.0 / sums.count as f64).sqrt();
+        let factor = if slow { 1.0 } else { shown };
+        let unit = self.noise(at);
+        let (intensity, correlated) = (unit.intensity * factor, unit.correlated * factor);
+        Some(MostLikely {
+            noise: JerkNoise { intensity, variance_factor: factor, correlated, ..unit },
+            white: None,
+            bandwidth_hz: at[0].exp(),
+            unseen: if slow { 1.0 - shown } else { 0.0 },
+        })
     }
 
     /// Minus twice the logarithm of the likelihood, with the best factor, but for a constant.

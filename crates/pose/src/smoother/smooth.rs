@@ -6,13 +6,14 @@
 use crate::smoother::believed::{Believed, believed};
 use crate::smoother::density::Densities;
 use crate::smoother::hidden::hidden_gaps;
-use crate::smoother::jumps::{disturbances, widened};
+use crate::smoother::jumps::{Jumps, disturbances};
 use crate::smoother::noise::{Likely, NEEDED, check};
 use crate::smoother::passes::{EffectsOf, Flown, each_smoothed};
 #[cfg(test)]
 use crate::smoother::passes::{forward, informed_start};
 use crate::smoother::rates::Rates;
 use crate::smoother::state::{Joint, MotionNoise};
+use crate::smoother::wider::{WiderBy, differing, knowing};
 use crate::statistics::median;
 use crate::{Motion, MotionSample, PoseError, PoseSample, RateSeries};
 use std::ops::Range;
@@ -39,7 +40,8 @@ pub fn smooth(poses: &[PoseSample], gravity_m_s2: f64) -> Result<Motion, PoseErr
 }
 
 /// [`smooth`] of poses whose systematic columns are formed when they are asked for
-/// ([`crate::PoseEstimator::systematic_effects`]), which is three times for each, six where inputs jumped, and not held.
+/// ([`crate::PoseEstimator::systematic_effects`]), which is three times for each, three times more where inputs
+/// jumped, and as often where errors are correlated, and not held.
 ///
 /// # Errors
 /// Those of [`smooth`].
@@ -86,29 +88,11 @@ fn motion_of(believed: Believed<'_>, effects: EffectsOf<'_>, gravity_m_s2: f64) 
     let is_known = |k: &usize| parts.iter().any(|part| part.contains(k)) && !is_hidden(poses[*k].t_ns);
     let unknown_ns = (0..poses.len()).filter(|k| !is_known(k)).map(|k| poses[k].t_ns).collect();
     for part in parts.iter().rev().cloned() {
-        let (first, flown) = (part.start, &poses[part]);
-        let failed = |k: usize| PoseError::BadPose { index: first + k, what: "the smoother's covariance" };
-        let without = Flown::without_effects(flown, first, found.rates);
-        let (jumps, densities) = disturbances(&without, &found.noise).ok_or(failed(0))?;
-        let claims = Claims::of(flown, &found, densities, gravity_m_s2);
-        let mut flown = Flown::new(flown, first, effects, found.rates);
-        let begin = samples.len();
-        let take = |k, state| {
-            samples.push(claims.sample(k, state)?);
-            Some(())
-        };
-        each_state(&flown, &found.noise, take).map_err(failed)?;
-        if !jumps.is_empty() {
-            flown.jumps = jumps;
-            let own = &mut samples[begin..];
-            let last = own.len() - 1;
-            let widen = |k: usize, state| {
-                let sample = &mut own[last - k];
-                sample.covariance = widened(sample, &claims.sample(k, state)?).unwrap_or(sample.covariance);
-                sample.is_finite().then_some(())
-            };
-            each_state(&flown, &found.noise, widen).map_err(failed)?;
-        }
+        let part = Part { first: part.start, poses: &poses[part], found: &found, gravity_m_s2 };
+        part.smooth_into(&mut samples, effects).map_err(|k| {
+            let what = "the smoother's covariance";
+            PoseError::BadPose { index: part.first + k, what }
+        })?;
     }
     if samples.is_empty() {
         let measured = poses.iter().filter(|p| p.estimate.is_ok()).count();
@@ -141,6 +125,65 @@ fn each_state(
         take(k, state)
     };
     each_smoothed(flown, noise, visit).ok_or(at)
+}
+
+/// A part of a flight that is smoothed by itself.
+struct Part<'a> {
+    /// Number of its first pose.
+    first: usize,
+    poses: &'a [PoseSample],
+    found: &'a Likely<'a>,
+    gravity_m_s2: f64,
+}
+
+impl<'a> Part<'a> {
+    /// Adds the motion of the part, the last first. An error has the number at which the arithmetic fails.
+    fn smooth_into(&self, samples: &mut Vec<MotionSample>, effects: EffectsOf<'_>) -> Result<(), usize> {
+        let noise = &self.found.noise;
+        let (jumps, claims) = self.disturbed(noise)?;
+        let mut flown = Flown::new(self.poses, self.first, effects, self.found.rates);
+        let begin = samples.len();
+        let take = |k, state| {
+            samples.push(claims.sample(k, state)?);
+            Some(())
+        };
+        each_state(&flown, noise, take)?;
+        let own = &mut samples[begin..];
+        if !jumps.is_empty() {
+            flown.jumps = jumps;
+            widen(own, &flown, noise, &claims, knowing)?;
+        }
+        if let Some(if_motion) = &self.found.if_motion {
+            let (jumps, claims) = self.disturbed(if_motion)?;
+            flown.jumps = jumps;
+            widen(own, &flown, if_motion, &claims, differing)?;
+        }
+        Ok(())
+    }
+
+    /// Where a flight of some noise jumps, and what its states claim.
+    fn disturbed(&self, noise: &MotionNoise) -> Result<(Jumps, Claims<'a>), usize> {
+        let without = Flown::without_effects(self.poses, self.first, self.found.rates);
+        let (jumps, densities) = disturbances(&without, noise).ok_or(0_usize)?;
+        Ok((jumps, Claims::of(self.poses, self.found, densities, self.gravity_m_s2)))
+    }
+}
+
+/// Widens the claims of samples, the last first, by their states under another noise or with jumps.
+fn widen(
+    own: &mut [MotionSample],
+    flown: &Flown<'_>,
+    noise: &MotionNoise,
+    claims: &Claims<'_>,
+    by: WiderBy,
+) -> Result<(), usize> {
+    let last = own.len() - 1;
+    let widen = |k: usize, state| {
+        let sample = &mut own[last - k];
+        sample.covariance = by(sample, &claims.sample(k, state)?);
+        sample.is_finite().then_some(())
+    };
+    each_state(flown, noise, widen)
 }
 
 /// What smoothed states of a part of a flight claim beyond its noise.

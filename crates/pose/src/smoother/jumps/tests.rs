@@ -1,6 +1,7 @@
-use super::{Jumps, Shock, WIDER, disturbances, shocks};
+use super::{Jumps, Shock, disturbances, shocks};
 use crate::smoother::passes::Flown;
 use crate::smoother::smooth::tests::{GRAVITY, pose, white_jerk};
+use crate::smoother::wider::WIDER;
 use crate::{JerkNoise, Motion, MotionNoise, MotionSample, PoseSample, smooth};
 use mavsight_geometry::{Isometry3, UnitQuaternion, Vector3};
 use mavsight_random::Random;
