@@ -32,6 +32,8 @@ pub enum Event {
         rate_hz: f64,
         /// Median time from frame in hand to its detections, over the last second.
         latency_ms: f64,
+        /// Frames that never came, by gaps of its time stamps, since the start.
+        missing: u64,
         /// Frames dropped because a later one had come, since the start.
         dropped: u64,
         /// For each marker the share of the last second's frames in which it was seen.

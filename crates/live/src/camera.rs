@@ -44,6 +44,8 @@ pub(crate) enum Report {
     ClockSet { camera: usize, by_ns: i64 },
     /// A frame is not later than the one before it.
     WentBack { camera: usize, stamp_ns: i64 },
+    /// A frame is passed over while it is open whether the clock was set.
+    PassedOver { camera: usize, received_ns: i64 },
     /// A frame shows the image before it once more.
     Repeated { camera: usize, received_ns: i64 },
     /// The detections of a frame.
@@ -231,7 +233,10 @@ fn track(camera: usize, mut tracker: CameraTracker, queue: &Queue<Arrival>, shar
         if let Some(by_ns) = step_ns {
             report(Report::ClockSet { camera, by_ns });
         }
-        let Some(stamp_ns) = stamp_ns else { continue };
+        let Some(stamp_ns) = stamp_ns else {
+            report(Report::PassedOver { camera, received_ns });
+            continue;
+        };
         let detections = match tracker.see(stamp_ns, Arc::clone(&frame)) {
             TrackedFrame::New(seen) => seen.to_vec(),
             // Nothing new: a camera that only repeats frames has stalled.

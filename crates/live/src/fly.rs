@@ -136,6 +136,7 @@ impl Flight<'_> {
             }
             Report::ClockSet { camera, by_ns } => self.take_clock_step(camera, by_ns),
             Report::WentBack { camera, stamp_ns } => self.take_backward(camera, stamp_ns),
+            Report::PassedOver { camera, received_ns } => self.status[camera].passed_over(received_ns),
             Report::Repeated { camera, received_ns } => self.status[camera].repeated(received_ns),
             Report::Ended { camera } => {
                 self.status[camera].ended = true;
@@ -151,6 +152,7 @@ impl Flight<'_> {
         if self.setup.pace == Pace::Own && self.has_other_clock(camera, t_ns, received_ns) {
             return;
         }
+        self.report_lacking(camera, t_ns);
         let status = &mut self.status[camera];
         status.arrived(t_ns, received_ns, dark);
         status.latency.add_ns(tracked_ns - received_ns);
@@ -188,6 +190,7 @@ impl Flight<'_> {
         (0..self.status.len()).for_each(|c| self.pipeline.go_without(c, i64::MAX));
         self.report_instants();
         self.summary.dropped = self.cameras.iter().map(Camera::dropped).collect();
+        self.summary.missing = self.status.iter().map(|s| s.missing).collect();
         self.cameras.into_iter().for_each(Camera::finish);
         if let Some(event) = self.parameters.and_then(Parameters::finish) {
             self.setup.listeners.event(event);

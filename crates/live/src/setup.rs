@@ -98,8 +98,10 @@ pub struct FlightSummary {
     pub measured: u64,
     /// Instants without a pose after the first that had one.
     pub lost: u64,
-    /// Frames that each camera dropped.
+    /// Frames of each camera that this computer dropped.
     pub dropped: Vec<u64>,
+    /// Frames of each camera that never came, by gaps of its time stamps.
+    pub missing: Vec<u64>,
     /// Frames that each camera tracked.
     pub frames: Vec<u64>,
     /// Time from an instant's last frame in hand to its pose sent.

@@ -9,6 +9,11 @@ const HOLE_INTERVALS: f64 = 1.5;
 /// A stamp is off if it differs by more than this from what it should be: by less it could be that of any other
 /// frame of an uneven camera.
 const OFF_INTERVALS: f64 = 0.5;
+/// Stamps are in an even beat where they are within this part of an interval of their turn: half of what would
+/// make it doubtful whose turn it was.
+const EVEN_INTERVALS: f64 = 0.25;
+/// Intervals between stamps from which their beat is known.
+const LEAST_INTERVALS: usize = 8;
 
 /// Why a frame is not later than the one before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -54,6 +59,38 @@ impl Stamps {
         self.latest_ns.iter().rev().any(|known_ns| (known_ns - t_ns).abs() <= within_ns)
     }
 
+    /// Frames that are missing between the last one and one of a later time, of a camera with about an interval.
+    ///
+    /// They are known by a gap of whole intervals between stamps in an even beat; where stamps are uneven, as those
+    /// of arrival, or too few, none is.
+    pub(crate) fn missing_before(&self, t_ns: i64, interval_ns: i64) -> u64 {
+        let Some(gap_ns) = self.latest_ns.back().map(|last_ns| t_ns.saturating_sub(*last_ns) as f64) else {
+            return 0;
+        };
+        if gap_ns <= HOLE_INTERVALS * interval_ns as f64 {
+            return 0;
+        }
+        let apart_ns = self.apart_ns();
+        if apart_ns.len() < LEAST_INTERVALS {
+            return 0;
+        }
+        let quantile_ns = |quarters: usize| apart_ns[quarters * (apart_ns.len() - 1) / 4] as f64;
+        let beat_ns = quantile_ns(2);
+        let turns = (gap_ns / beat_ns).round();
+        let most_ns = EVEN_INTERVALS * beat_ns;
+        let is_even =
+            quantile_ns(3) - quantile_ns(1) <= most_ns && (gap_ns - turns * beat_ns).abs() <= most_ns;
+        if is_even { (turns as u64).saturating_sub(1) } else { 0 }
+    }
+
+    /// Times between the latest stamps, in ascending order.
+    fn apart_ns(&self) -> Vec<i64> {
+        let mut apart_ns: Vec<i64> =
+            self.latest_ns.iter().zip(self.latest_ns.iter().skip(1)).map(|(a, b)| b - a).collect();
+        apart_ns.sort_unstable();
+        apart_ns
+    }
+
     /// Why the frame that came now is not later than the last.
     pub(crate) fn why_backward(&mut self, t_ns: i64, interval_ns: i64) -> Backward {
         // A clock that was set back comes by the latest stamp once more.
@@ -64,10 +101,9 @@ impl Stamps {
 
     fn compared(&self, t_ns: i64, interval_ns: i64) -> Backward {
         // The interval is not known yet where another camera begins later.
-        let mut apart: Vec<i64> =
-            self.latest_ns.iter().zip(self.latest_ns.iter().skip(1)).map(|(a, b)| b - a).collect();
-        apart.sort_unstable();
-        let interval_ns = apart.get(apart.len() / 2).map_or(interval_ns, |own_ns| interval_ns.min(*own_ns));
+        let apart_ns = self.apart_ns();
+        let interval_ns =
+            apart_ns.get(apart_ns.len() / 2).map_or(interval_ns, |own_ns| interval_ns.min(*own_ns));
         let after = self.latest_ns.partition_point(|known_ns| *known_ns < t_ns);
         let later_ns = self.latest_ns.get(after);
         if later_ns == Some(&t_ns) && after + 1 == self.latest_ns.len() {
@@ -139,6 +175,28 @@ mod tests {
         assert_eq!(with_hole.why_backward(88 * STEP, STEP), Backward::Overtaken);
         assert_eq!(with_hole.why_backward(87 * STEP, STEP), Backward::ClockSet);
         assert_eq!(Stamps::default().why_backward(0, STEP), Backward::ClockSet);
+    }
+
+    #[test]
+    fn frames_are_missing_where_an_even_beat_leaves_a_gap_of_whole_intervals() {
+        let even = stamps(0..40);
+        for missing in 0..5 {
+            for jitter_ns in [-6_000_000, 0, 6_000_000] {
+                let t_ns = (40 + missing) * STEP + jitter_ns;
+                assert_eq!(even.missing_before(t_ns, STEP), missing as u64, "{missing} {jitter_ns}");
+            }
+        }
+        // Between two turns it may be a frame that was late.
+        assert_eq!(even.missing_before(40 * STEP + STEP / 2 + 1_000_000, STEP), 0);
+        // One hole does not make a beat uneven; stamps of arrival by a network are.
+        assert_eq!(stamps((0..40).filter(|k| *k != 30)).missing_before(41 * STEP, STEP), 1);
+        let mut uneven = Stamps::default();
+        (0..40).for_each(|k| uneven.push(k * STEP + [0, 14_000_000, 3_000_000, 25_000_000][k as usize % 4]));
+        assert_eq!(uneven.missing_before(41 * STEP, STEP), 0);
+        assert_eq!(stamps(0..4).missing_before(9 * STEP, STEP), 0);
+        // In dim light a camera takes every second frame: its beat is another one then.
+        let slow = stamps((0..40).chain((40..80).step_by(2)));
+        assert_eq!(slow.missing_before(80 * STEP, STEP), 0);
     }
 
     #[test]

@@ -20,6 +20,24 @@ const SLOWEST_NS: i64 = 250_000_000;
 pub(crate) const PASSED_OVER: &str =
     "its frames are passed over until their time stamps fit again; to have it sooner, start the flight again";
 
+/// Why a frame is lacking.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Lacking {
+    /// It never came.
+    Missing,
+    /// It came and was dropped, as a later one had come before it was tracked.
+    Dropped,
+}
+
+/// Whether something that goes on is to be reported, and notes that it is.
+fn is_due(reported_ns: &mut Option<i64>, now_ns: i64) -> bool {
+    let is_due = reported_ns.is_none_or(|at_ns| now_ns - at_ns >= REPORT_AGAIN_NS);
+    if is_due {
+        *reported_ns = Some(now_ns);
+    }
+    is_due
+}
+
 #[derive(Debug, Default)]
 pub(crate) struct CameraStatus {
     pub(crate) interval_ns: i64,
@@ -52,6 +70,12 @@ pub(crate) struct CameraStatus {
     repeated_ns: Option<i64>,
     /// When a frame last came that was passed over for its stamp.
     passed_over_ns: i64,
+    /// Frames that never came, that this computer dropped, and gaps that those have left, since the start.
+    pub(crate) missing: u64,
+    dropped: u64,
+    dropped_gaps: u64,
+    /// When a frame that is lacking was last reported.
+    lacking_ns: Option<i64>,
     /// Instants running at which it saw none of the balls, and when that was last reported.
     blind: u32,
     blind_ns: Option<i64>,
@@ -97,6 +121,33 @@ impl CameraStatus {
         self.usual_ns = *sorted.select_nth_unstable(middle).1;
     }
 
+    /// Takes how many frames this computer has dropped so far, before a frame of a time has [arrived](Self::arrived).
+    /// Returns why frames are lacking where that is to be reported; that a camera has stalled has been reported.
+    pub(crate) fn lacks_before(&mut self, t_ns: i64, dropped: u64, now_ns: i64) -> Option<Lacking> {
+        let has_dropped = std::mem::replace(&mut self.dropped, dropped) < dropped;
+        let missing = self.missing_before(t_ns);
+        self.missing += missing;
+        let found = match (missing > 0, has_dropped) {
+            (true, _) => Lacking::Missing,
+            (false, true) => Lacking::Dropped,
+            (false, false) => return None,
+        };
+        (self.reported != Some(CameraState::Stalled) && is_due(&mut self.lacking_ns, now_ns)).then_some(found)
+    }
+
+    /// Frames before one of a time that never came: neither dropped here nor passed over.
+    fn missing_before(&mut self, t_ns: i64) -> u64 {
+        let was_passed_over = self.last_frame_ns.is_none_or(|at_ns| self.passed_over_ns > at_ns);
+        if was_passed_over || self.repeated_ns.is_some() {
+            return 0;
+        }
+        let lacking = self.stamps.missing_before(t_ns, self.interval_ns);
+        // A frame that was dropped while an earlier one was tracked leaves its gap later.
+        let dropped = lacking.min(self.dropped - self.dropped_gaps);
+        self.dropped_gaps += dropped;
+        lacking - dropped
+    }
+
     /// Whether a frame of about a time has come.
     pub(crate) fn has_frame_of(&self, t_ns: i64) -> bool {
         self.stamps.has_near(t_ns, self.interval_ns / 2)
@@ -135,12 +186,7 @@ impl CameraStatus {
     /// Returns whether that it sees none is to be reported.
     pub(crate) fn is_newly_blind(&mut self, sees: bool, now_ns: i64) -> bool {
         self.blind = if sees { 0 } else { self.blind.saturating_add(1) };
-        let is_old = self.blind_ns.is_some_and(|at_ns| now_ns - at_ns < REPORT_AGAIN_NS);
-        let is_news = self.blind == BLIND_AFTER && !is_old;
-        if is_news {
-            self.blind_ns = Some(now_ns);
-        }
-        is_news
+        self.blind == BLIND_AFTER && is_due(&mut self.blind_ns, now_ns)
     }
 
     /// Time at which it has stalled if no frame comes.
@@ -213,6 +259,31 @@ mod tests {
     use super::*;
 
     const STEP: i64 = 16_666_667;
+
+    #[test]
+    fn a_frame_that_never_came_is_counted_and_reported_and_one_that_was_passed_over_is_not() {
+        let mut camera = CameraStatus::new(4);
+        camera.opened(0);
+        camera.interval_ns = STEP;
+        let take = |camera: &mut CameraStatus, k: i64, dropped| {
+            let found = camera.lacks_before(k * STEP, dropped, k * STEP + 1000);
+            camera.arrived(k * STEP, k * STEP + 1000, false);
+            found
+        };
+        assert!((0..40).all(|k| take(&mut camera, k, 0).is_none()));
+        assert_eq!(take(&mut camera, 41, 0), Some(Lacking::Missing));
+        // Within ten seconds it is counted only.
+        assert_eq!((take(&mut camera, 44, 0), camera.missing), (None, 3));
+        assert!((45..900).all(|k| take(&mut camera, k, 0).is_none()));
+        // The queue has dropped a frame while the one before it was tracked.
+        assert_eq!((take(&mut camera, 900, 1), camera.missing), (Some(Lacking::Dropped), 3));
+        assert_eq!((take(&mut camera, 902, 1), camera.missing), (None, 3));
+        assert!((903..1800).all(|k| take(&mut camera, k, 1).is_none()));
+        camera.passed_over(1801 * STEP);
+        assert_eq!((take(&mut camera, 1802, 1), camera.missing), (None, 3));
+        camera.repeated(1803 * STEP);
+        assert_eq!((take(&mut camera, 1804, 1), camera.missing), (None, 3));
+    }
 
     #[test]
     fn a_camera_stalls_when_a_second_frame_is_missing_and_comes_back() {

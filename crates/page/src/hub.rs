@@ -218,6 +218,7 @@ mod tests {
             state: CameraState::Running,
             rate_hz: 60.0,
             latency_ms: 0.0,
+            missing: 0,
             dropped: 0,
             markers: Vec::new(),
             reason: None,

@@ -37,6 +37,7 @@ fn camera(state: CameraState) -> Event {
         state,
         rate_hz: 60.0,
         latency_ms: 0.5,
+        missing: 3,
         dropped: 2,
         markers: vec![1.0, 0.5],
         reason: (state != CameraState::Running).then(|| "cable".to_owned()),

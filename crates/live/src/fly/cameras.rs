@@ -3,7 +3,7 @@
 use super::{CHECK, Flight};
 use crate::setup::Pace;
 use crate::stamps::Backward;
-use crate::status::PASSED_OVER;
+use crate::status::{Lacking, PASSED_OVER};
 use mavsight_link::CameraState;
 use std::time::Duration;
 
@@ -82,6 +82,24 @@ impl Flight<'_> {
         self.report_instants();
     }
 
+    /// Reports that frames of a camera before one that came are lacking.
+    pub(super) fn report_lacking(&mut self, camera: usize, t_ns: i64) {
+        let (now_ns, dropped) = (self.now_ns(), self.cameras[camera].dropped());
+        let status = &mut self.status[camera];
+        let Some(found) = status.lacks_before(t_ns, dropped, now_ns) else { return };
+        let missing = status.missing;
+        let name = &self.setup.rig.cameras[camera].name;
+        let text = match found {
+            Lacking::Missing => format!(
+                "{name}: a frame did not come in its turn, and the one after it did ({missing} missing so far). Look at its cable,                  at what else uses its bus or network, and whether its exposure is longer than its interval."
+            ),
+            Lacking::Dropped => format!(
+                "{name}: this computer was too slow and dropped a frame ({dropped} so far). Close other programs, or take                  fewer or smaller images a second."
+            ),
+        };
+        self.note(true, text);
+    }
+
     /// Reports cameras that have ended and whose last frame is well before the latest of the others.
     pub(super) fn report_ended(&mut self) {
         for camera in 0..self.status.len() {
@@ -115,6 +133,9 @@ impl Flight<'_> {
         let found = status.stamps.why_backward(t_ns, status.interval_ns);
         let is_news = status.is_news(found, now_ns);
         let back_s = (status.latest_ns - t_ns) as f64 * 1e-9;
+        if found == Backward::Overtaken {
+            status.missing = status.missing.saturating_sub(1);
+        }
         if found == Backward::ClockSet {
             status.passed_over(now_ns);
             if self.setup.pace == Pace::Own {

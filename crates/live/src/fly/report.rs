@@ -117,6 +117,7 @@ impl Flight<'_> {
             state,
             rate_hz: if over_s > 0.05 { status.frames as f64 / over_s } else { 0.0 },
             latency_ms: status.latency.quantile_ms(0.5),
+            missing: status.missing,
             dropped: self.cameras[camera].dropped(),
             markers: status.markers.iter().map(share).collect(),
             reason: status.reason(state, now_ns),

@@ -112,8 +112,11 @@ fn lower(of: &impl std::fmt::Debug) -> String {
 /// Prints what became of the flight, and writes it where that was asked for.
 fn finish(args: &Live, rig: &Rig, flown: &FlightSummary) -> Result<()> {
     let of = |l: &Latencies| serde_json::json!({"median_ms": l.quantile_ms(0.5), "p99_ms": l.quantile_ms(0.99), "most_ms": l.most_ms()});
-    let cameras: Vec<_> = (rig.cameras.iter().zip(&flown.frames).zip(&flown.dropped))
-        .map(|((c, frames), dropped)| serde_json::json!({"name": c.name, "frames": frames, "dropped": dropped}))
+    let frames = flown.frames.iter().zip(&flown.missing).zip(&flown.dropped);
+    let cameras: Vec<_> = (rig.cameras.iter().zip(frames))
+        .map(|(c, ((frames, missing), dropped))| {
+            serde_json::json!({"name": c.name, "frames": frames, "missing": missing, "dropped": dropped})
+        })
         .collect();
     let figures = serde_json::json!({
         "instants": flown.instants,
@@ -126,9 +129,9 @@ fn finish(args: &Live, rig: &Rig, flown: &FlightSummary) -> Result<()> {
         "unheard": flown.unheard,
         "recording_fault": flown.recording_fault,
     });
-    let dropped: u64 = flown.dropped.iter().sum();
+    let (missing, dropped) = (flown.missing.iter().sum::<u64>(), flown.dropped.iter().sum::<u64>());
     let mut text = format!(
-        "{} instants, {} with a pose, {} lost since the first; {dropped} frames dropped\n",
+        "{} instants, {} with a pose, {} lost since the first; {missing} frames missing, {dropped} dropped\n",
         flown.instants, flown.measured, flown.lost,
     );
     // As fast as it goes frames wait for each other: how long has no meaning.

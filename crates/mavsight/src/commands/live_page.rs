@@ -163,11 +163,11 @@ impl<B: Fn(&Path) -> Result<Recorder> + Send> Listener for Page<B> {
                 self.cameras = scene.cameras.iter().map(|c| (c.name.clone(), None)).collect();
             }
             Event::Pose(pose) => self.latest = Some(pose.clone()),
-            Event::Camera { camera, rate_hz, dropped, markers, .. } => {
+            Event::Camera { camera, rate_hz, missing, dropped, markers, .. } => {
                 let least = markers.iter().copied().fold(1.0, f64::min);
                 if let Some(own) = self.cameras.get_mut(*camera) {
                     own.1 = Some(format!(
-                        "{rate_hz:.1} frames/s, {dropped} dropped, each marker in {:.0} % or more of the frames",
+                        "{rate_hz:.1} frames/s, {missing} missing, {dropped} dropped, each marker in {:.0} % or more of the frames",
                         100.0 * least
                     ));
                 }

@@ -259,6 +259,7 @@ impl VirtualFlight {
             state: if stalled { CameraState::Stalled } else { CameraState::Running },
             rate_hz: if stalled { 0.0 } else { RATE_HZ },
             latency_ms: 0.5 + 0.1 * camera as f64,
+            missing: 0,
             dropped: if camera == 1 { (t_s / 9.0) as u64 } else { 0 },
             markers: markers.collect(),
             reason: stalled.then(|| "No frame for two intervals: look at its cable.".to_owned()),

@@ -255,6 +255,7 @@ fn losses_are_said(browser: &mut Chromium, feed: &Feed) {
         state: CameraState::Gone,
         rate_hz: 0.0,
         latency_ms: 0.0,
+        missing: 0,
         dropped: 0,
         markers: vec![0.0; 4],
         reason: Some("Its stream has ended.".to_owned()),

@@ -162,6 +162,7 @@ fn events_pictures_and_commands_go_through() {
         state: CameraState::Stalled,
         rate_hz: 0.0,
         latency_ms: 0.0,
+        missing: 0,
         dropped: 3,
         markers: vec![0.5],
         reason: None,

@@ -155,11 +155,13 @@ export class Cameras {
     name.scope = "row";
     const state = element("td", now ? `${STATE_SIGNS[now.state]} ${now.state}` : "◌ starting");
     state.className = !now || now.state === "running" || now.state === "starting" ? "" : "bad";
-    const numbers = now ? [now.rate_hz.toFixed(1), now.latency_ms.toFixed(1), String(now.dropped)] : ["–", "–", "–"];
+    const numbers = now
+      ? [now.rate_hz.toFixed(1), now.latency_ms.toFixed(1), String(now.missing), String(now.dropped)]
+      : ["–", "–", "–", "–"];
     const first = element("tr", [name, state, ...numbers.map((text) => element("td", text))]);
     const shares = scene.markers.map((marker, m) => share(marker.name, marker.rgb, now?.markers[m]));
     const wide = element("td", now?.reason && now.state !== "running" ? [element("p", now.reason), ...shares] : shares);
-    wide.colSpan = 5;
+    wide.colSpan = 6;
     wide.className = "shares";
     return [first, element("tr", [wide])];
   }

@@ -72,6 +72,7 @@ export interface Camera {
   state: CameraState;
   rate_hz: number;
   latency_ms: number;
+  missing: number;
   dropped: number;
   markers: number[];
   reason: string | null;
