@@ -91,10 +91,12 @@ impl Flight<'_> {
         let name = &self.setup.rig.cameras[camera].name;
         let text = match found {
             Lacking::Missing => format!(
-                "{name}: a frame did not come in its turn, and the one after it did ({missing} missing so far). Look at its cable,                  at what else uses its bus or network, and whether its exposure is longer than its interval."
+                "{name}: a frame did not come in its turn, and the one after it did ({missing} missing so far). Look at its cable, \
+                 at what else uses its bus or network, and whether its exposure is longer than its interval."
             ),
             Lacking::Dropped => format!(
-                "{name}: this computer was too slow and dropped a frame ({dropped} so far). Close other programs, or take                  fewer or smaller images a second."
+                "{name}: this computer was too slow and dropped a frame ({dropped} so far). Close other programs, or take \
+                 fewer or smaller images a second."
             ),
         };
         self.note(true, text);

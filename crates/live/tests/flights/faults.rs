@@ -42,12 +42,19 @@ fn a_camera_whose_balls_stand_still_while_the_aircraft_flies_on_is_frozen() {
 }
 
 #[test]
-fn frames_that_come_twice_or_out_of_order_are_no_clock_that_was_set() {
+fn frames_that_are_missing_twice_or_out_of_order_are_no_clock_that_was_set() {
     let frames = || film(&rig(), 20, 30.0).swap_remove(1);
+    let mut missing = frames();
+    missing.remove(12);
+    let said = noted(missing, None);
+    let is_missing =
+        |text: &str| text.starts_with("cam2: a frame did not come in its turn") && !text.contains("  ");
+    assert!(said.len() == 1 && is_missing(&said[0]), "{said:?}");
     let mut out_of_order = frames();
     out_of_order.swap(10, 11);
     let said = noted(out_of_order, None);
-    assert!(said.len() == 1 && said[0].starts_with("cam2: frames come out of order"), "{said:?}");
+    let is_late = |text: &str| text.starts_with("cam2: frames come out of order");
+    assert!(said.len() == 2 && is_missing(&said[0]) && is_late(&said[1]), "{said:?}");
     let mut twice = frames();
     for k in [8, 12] {
         twice.insert(k, twice[k].clone());
