@@ -126,7 +126,7 @@ impl CameraStatus {
     pub(crate) fn lacks_before(&mut self, t_ns: i64, dropped: u64, now_ns: i64) -> Option<Lacking> {
         let has_dropped = std::mem::replace(&mut self.dropped, dropped) < dropped;
         let missing = self.missing_before(t_ns);
-        self.missing += missing;
+        self.missing = self.missing.saturating_add(missing);
         let found = match (missing > 0, has_dropped) {
             (true, _) => Lacking::Missing,
             (false, true) => Lacking::Dropped,
@@ -283,6 +283,9 @@ mod tests {
         assert_eq!((take(&mut camera, 1802, 1), camera.missing), (None, 3));
         camera.repeated(1803 * STEP);
         assert_eq!((take(&mut camera, 1804, 1), camera.missing), (None, 3));
+        // Stamps of any size are counted.
+        camera.missing = u64::MAX;
+        assert_eq!((take(&mut camera, 1806, 1), camera.missing), (Some(Lacking::Missing), u64::MAX));
     }
 
     #[test]
