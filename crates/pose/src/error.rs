@@ -224,9 +224,14 @@ pub enum PoseError {
     },
     /// An image is repeated that may be of another time: it contradicts another camera, or none sees the moving body anew.
     #[error(
-        "an image is repeated that may be of another time, and no camera or not enough of them sees the aircraft anew: check the cable, the bandwidth and the driver of those in whose images the balls stand still"
+        "{repeated} of {cameras} camera(s) repeat an image that may be of another time, and too few see the aircraft anew: check the cable, the bandwidth and the driver of those in whose images the balls stand still"
     )]
-    RepeatedImage,
+    RepeatedImage {
+        /// Cameras that repeat an image.
+        repeated: usize,
+        /// Cameras that see a ball.
+        cameras: usize,
+    },
     /// What was seen is not the body that is described, or may as well be another.
     #[error("what was seen is not decidedly the body of the vehicle file ({0}): correct the file")]
     AnotherBody(&'static str),

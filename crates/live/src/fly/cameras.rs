@@ -92,11 +92,11 @@ impl Flight<'_> {
         let text = match found {
             Lacking::Missing => format!(
                 "{name}: a frame did not come in its turn, and the one after it did ({missing} missing so far). Look at its cable, \
-                 at what else uses its bus or network, and whether its exposure is longer than its interval."
+                 at what else uses its bus or network or loads this computer, and whether its exposure is longer than its interval."
             ),
             Lacking::Dropped => format!(
-                "{name}: this computer was too slow and dropped a frame ({dropped} so far). Close other programs, or take \
-                 fewer or smaller images a second."
+                "{name}: a frame was dropped, as newer ones were there already ({dropped} so far): frames come several at once, or \
+                 this computer is too slow. Look at its network; close other programs, or take fewer or smaller images a second."
             ),
         };
         self.note(true, text);

@@ -1,5 +1,7 @@
 // Canvases that fit their place and the screen's pixels, and the page's colours for them.
 
+import { inside } from "./maths.ts";
+
 export interface Surface {
   pen: CanvasRenderingContext2D;
   width: number;
@@ -67,8 +69,10 @@ export function forgetColours(): void {
   palette = null;
 }
 
-/** Text with a rim in another colour, legible on any picture. */
-export function label(pen: CanvasRenderingContext2D, text: string, x: number, y: number, fill: string, rim: string): void {
+/** Text with a rim in another colour, legible on any picture; what would be cut off at the left or right is moved inwards. */
+export function label(pen: CanvasRenderingContext2D, text: string, at: number, y: number, fill: string, rim: string): void {
+  const { actualBoundingBoxLeft, actualBoundingBoxRight } = pen.measureText(text);
+  const x = inside(at, actualBoundingBoxLeft, actualBoundingBoxRight, pen.canvas.clientWidth);
   pen.lineJoin = "round";
   pen.lineWidth = 3;
   pen.strokeStyle = rim;

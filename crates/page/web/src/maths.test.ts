@@ -3,7 +3,7 @@
 
 import assert from "node:assert/strict";
 import test from "node:test";
-import { below125, entry, eulerStd, magnification, positionRoot, spread, ticks, turn, withUncertainty } from "./maths.ts";
+import { below125, entry, eulerStd, inside, magnification, positionRoot, spread, ticks, turn, withUncertainty } from "./maths.ts";
 
 /** Upper triangle by rows of a 6×6. */
 function upper(full) {
@@ -26,6 +26,14 @@ function times([a, b, c, d], [e, f, g, h]) {
     a * h + b * g - c * f + d * e,
   ];
 }
+
+test("text near an edge is moved inwards, and what is outside is not", () => {
+  assert.equal(inside(100, 20, 20, 300), 100);
+  assert.equal(inside(5, 20, 20, 300), 20);
+  assert.equal(inside(295, 0, 40, 300), 260);
+  assert.equal(inside(-3, 20, 20, 300), -3);
+  assert.equal(inside(10, 20, 400, 300), 20);
+});
 
 test("the triangle is read by rows", () => {
   const full = Array.from({ length: 6 }, (_, i) => Array.from({ length: 6 }, (_, j) => 10 * Math.min(i, j) + Math.max(i, j)));

@@ -30,6 +30,11 @@ export function turn([w, x, y, z]: Quaternion, v: Vec3): Vec3 {
   ];
 }
 
+/** Where text at `x` that reaches so far to its left and right is whole between 0 and a width; as it is where `x` is outside. */
+export function inside(x: number, left: number, right: number, width: number): number {
+  return x < 0 || x > width ? x : Math.max(left, Math.min(x, width - right));
+}
+
 /** Entry of a 6×6 symmetric matrix that is given by rows of its upper triangle. */
 export function entry(upper: readonly number[], row: number, column: number): number {
   const [i, j] = row <= column ? [row, column] : [column, row];

@@ -34,7 +34,7 @@ impl Associator {
         let predicted = self.history.predicted(t_ns, self.size_m);
         let in_use = |k: usize| self.is_in_use(&candidates[k]);
         if !candidates.is_empty() && candidates.iter().all(|seen| self.is_stale(seen.camera)) {
-            return refused(t_ns, PoseError::RepeatedImage);
+            return refused(t_ns, self.repeated_image(frame));
         }
         let mut out = self.associated_by(frame, predicted.as_ref(), in_use);
         if let Some(belief) = predicted.as_ref().filter(|_| !self.is_sound(&out, frame)) {
@@ -45,7 +45,7 @@ impl Associator {
             };
             // An image that is repeated may be of another time: what it contradicts is not known then.
             let may_be_old = out.pairs.iter().any(|pair| self.is_repeated(candidates[pair.0].camera));
-            let whole = |out| if may_be_old { refused(t_ns, PoseError::RepeatedImage) } else { out };
+            let whole = |out| if may_be_old { refused(t_ns, self.repeated_image(frame)) } else { out };
             out = rest.or_else(|| again(&out)).unwrap_or_else(|| whole(out));
         }
         if let Some(belief) = &predicted {

@@ -3,7 +3,7 @@
 use super::associator::Associator;
 use super::frame::Frame;
 use super::history::{MovedCamera, SHIFTED, Watch};
-use crate::TrackedDetection;
+use crate::{PoseError, TrackedDetection};
 use mavsight_geometry::Vector2;
 
 /// Images that show the same from which a camera may be frozen: one more than what changes a rate repeats, as for copies.
@@ -137,6 +137,15 @@ impl Associator {
     /// it shows another one.
     pub fn is_stale(&self, camera: usize) -> bool {
         self.watch.repeated.get(camera).is_some_and(|own| own.is_stale)
+    }
+
+    /// Why an instant whose images are repeated has no pose.
+    pub(super) fn repeated_image(&self, frame: Frame) -> PoseError {
+        let seeing = |camera: &usize| frame.seen.iter().any(|s| s.camera == *camera);
+        let cameras = (0..self.cameras.len()).filter(seeing);
+        let is_repeated = |camera: &usize| self.is_repeated(*camera) || self.is_stale(*camera);
+        let repeated = cameras.clone().filter(is_repeated).count();
+        PoseError::RepeatedImage { repeated, cameras: cameras.count() }
     }
 
     /// Leaves a camera out that shows the same image over and over, with no more than an encoder's noise, while another
