@@ -24,8 +24,9 @@ const LEAST_FRAMES: usize = 4;
 /// Balls that have to step together.
 const LEAST_BALLS: usize = 3;
 
-/// Share of the recordings without fault in which a camera is taken for pushed by chance.
-const FALSE_ALARM: f64 = 0.001;
+/// Standard deviations, in the plane, of a step that is none by chance in a hundred hours of two cameras at 60 Hz, which are
+/// 43 million frames with three windows each: the square is 2 ln(1.3e8).
+const STEPPED: f64 = 6.1;
 
 /// Two estimates of a step that agree, by chi-square of two degrees of freedom at 99.9 %.
 const AGREE: f64 = 13.8;
@@ -49,10 +50,7 @@ struct Step {
 
 /// Leaves out what cameras filmed after they were pushed, and says which.
 pub(crate) fn leave_out(streams: &mut [Stream], colors: &MarkerColors) -> Vec<Finding> {
-    // Noise alone makes a step whose square is chi-square of two degrees of freedom.
-    let frames: usize = streams.iter().map(|s| s.stamps_ns.len()).sum();
-    let clear = -2.0 * (FALSE_ALARM / frames.max(1) as f64).ln();
-    let all: Vec<Vec<Step>> = streams.iter().map(|s| steps(s, colors, clear - DECISIVE)).collect();
+    let all: Vec<Vec<Step>> = streams.iter().map(|s| steps(s, colors)).collect();
     let mut findings = Vec::new();
     for camera in 0..streams.len() {
         let is_apart = |other: usize, step: &Step, own: &Step| {
@@ -63,12 +61,12 @@ pub(crate) fn leave_out(streams: &mut [Stream], colors: &MarkerColors) -> Vec<Fi
         };
         // What steps in two cameras was done to the aircraft, or to both.
         let is_own = |own: &&Step| {
-            let is_rival = |step: &Step| step.square > (own.square - DECISIVE).min(clear);
+            let is_rival = |step: &Step| step.square > (own.square - DECISIVE).min(STEPPED * STEPPED);
             (0..streams.len())
                 .filter(|other| *other != camera)
                 .all(|other| all[other].iter().all(|step| is_apart(other, step, own) || !is_rival(step)))
         };
-        let is_clear = |step: &&Step| step.square >= clear;
+        let is_clear = |step: &&Step| step.square >= STEPPED * STEPPED;
         let Some(step) = all[camera].iter().filter(is_clear).find(is_own) else { continue };
         let note = format!(
             "{} was moved at {:.3} s: the aircraft jumps in its image by {:.1} px from one frame to the next, and in that of no \
@@ -83,18 +81,16 @@ pub(crate) fn leave_out(streams: &mut [Stream], colors: &MarkerColors) -> Vec<Fi
     findings
 }
 
-/// Steps of a camera's images from a square on, each the clearest among its neighbours.
-fn steps(stream: &Stream, colors: &MarkerColors, least: f64) -> Vec<Step> {
-    let all = all_steps(stream, &colors.counts(), least);
+/// Steps of a camera's images that may be none by chance, each the clearest among its neighbours.
+fn steps(stream: &Stream, colors: &MarkerColors) -> Vec<Step> {
+    let all = all_steps(stream, &colors.counts());
     let mut out: Vec<Step> = Vec::new();
     for (frame, (by_px, square)) in all.iter().enumerate() {
-        if f64::from(*square) < least {
+        if *square < (STEPPED * STEPPED - DECISIVE) as f32 {
             continue;
         }
-        // Nearer than a window the step itself is in what is found.
-        let before = &all[frame.saturating_sub(2 * LONGEST)..frame.saturating_sub(LONGEST)];
-        let behind = &all[all.len().min(frame + LONGEST)..all.len().min(frame + 2 * LONGEST)];
-        let square = f64::from(*square) / usual(before.iter().chain(behind));
+        let near = &all[frame.saturating_sub(2 * LONGEST)..all.len().min(frame + 2 * LONGEST)];
+        let square = f64::from(*square) / usual(near);
         let t_ns = stream.clock.clock.time_ns(stream.stamps_ns[frame]);
         let step = Step { frame, t_ns, by_px: f64::from(*by_px), square };
         match out.last_mut() {
@@ -106,13 +102,13 @@ fn steps(stream: &Stream, colors: &MarkerColors, least: f64) -> Vec<Step> {
             _ => out.push(step),
         }
     }
-    out.retain(|step| step.square >= least);
+    out.retain(|step| step.square >= STEPPED * STEPPED - DECISIVE);
     out
 }
 
 /// What the squares of steps are usually, in parts of what noise makes of them: more where the motion is no parabola.
-fn usual<'a>(near: impl Iterator<Item = &'a (f32, f32)>) -> f64 {
-    let mut squares: Vec<f32> = near.map(|s| s.1).filter(|s| *s > 0.0).collect();
+fn usual(near: &[(f32, f32)]) -> f64 {
+    let mut squares: Vec<f32> = near.iter().map(|s| s.1).filter(|s| *s > 0.0).collect();
     squares.sort_by(f32::total_cmp);
     // The median of chi-square of two degrees of freedom is 2 ln 2.
     let median = squares.get(squares.len() / 2).copied().unwrap_or_default();
@@ -120,13 +116,12 @@ fn usual<'a>(near: impl Iterator<Item = &'a (f32, f32)>) -> f64 {
 }
 
 /// The step before each frame, and its square in standard deviations; zero where there is none.
-fn all_steps(stream: &Stream, counts: &[usize], least: f64) -> Vec<(f32, f32)> {
+fn all_steps(stream: &Stream, counts: &[usize]) -> Vec<(f32, f32)> {
     let interval_ns = stream.interval_s() * 1e9;
     let mut near: VecDeque<LoneBalls> = VecDeque::with_capacity(2 * LONGEST + 2);
     let mut out = vec![(0.0, 0.0); stream.stamps_ns.len()];
     let mut add = |near: &VecDeque<LoneBalls>, at: usize, first: usize| {
-        let between = Between { frames: near, at, interval_ns };
-        if let Some((by_px, square)) = between.best_step(least) {
+        if let Some((by_px, square)) = step_before(near, at, interval_ns) {
             out[first + at] = (by_px as f32, square as f32);
         }
     };
@@ -156,6 +151,28 @@ fn lone(seen: &[StoredDetection], counts: &[usize]) -> Vec<Option<(Vector2<f64>,
         own.next().is_none().then(|| (one.pixel, one.variance_px2()))
     };
     counts.iter().enumerate().map(of_color).collect()
+}
+
+/// By how much the images step before a frame, and the square of that in standard deviations. `None` where frames are missing
+/// or their clock is out of its beat, and where without the two frames beside it no step is left.
+fn step_before(frames: &VecDeque<LoneBalls>, at: usize, interval_ns: f64) -> Option<(f64, f64)> {
+    let beats = (frames[at].stamp_ns - frames[at - 1].stamp_ns) as f64 / interval_ns;
+    if (beats - 1.0).abs() > OUT_OF_BEAT {
+        return None;
+    }
+    let between = Between { frames, at, interval_ns };
+    let shortest = between.step(WINDOWS[0], 0)?;
+    let fits = WINDOWS.iter().filter(|window| **window < at && at + **window < frames.len());
+    let all = fits.filter_map(|window| Some((*window, between.step(*window, 0)?)));
+    let fitting = all.filter(|(_, step)| step.agrees_with(&shortest));
+    let (window, best) = fitting.max_by(|a, b| a.1.square().total_cmp(&b.1.square()))?;
+    if best.square() < STEPPED * STEPPED - DECISIVE {
+        return Some((best.by_px.norm(), best.square()));
+    }
+    // Of two frames that have each other's time stamps nothing is left without them, of a push all: it is nearer to that.
+    let without = between.step(window + 1, 1)?;
+    let is_left = without.by_px.dot(&best.by_px) > 0.5 * best.by_px.norm_squared();
+    is_left.then(|| (best.by_px.norm(), best.square()))
 }
 
 /// What lies between two frames.
@@ -196,28 +213,6 @@ struct Curve {
 }
 
 impl Between<'_> {
-    /// By how much the images step, and the square of that in standard deviations. `None` where frames are missing or their clock
-    /// is out of its beat, and where of a square of `least` or more no step is left without the two frames beside it.
-    fn best_step(&self, least: f64) -> Option<(f64, f64)> {
-        let Self { frames, at, interval_ns } = *self;
-        let beats = (frames[at].stamp_ns - frames[at - 1].stamp_ns) as f64 / interval_ns;
-        if (beats - 1.0).abs() > OUT_OF_BEAT {
-            return None;
-        }
-        let shortest = self.step(WINDOWS[0], 0)?;
-        let fits = WINDOWS.iter().filter(|window| **window < at && at + **window < frames.len());
-        let all = fits.filter_map(|window| Some((*window, self.step(*window, 0)?)));
-        let fitting = all.filter(|(_, step)| step.agrees_with(&shortest));
-        let (window, best) = fitting.max_by(|a, b| a.1.square().total_cmp(&b.1.square()))?;
-        if best.square() < least {
-            return Some((best.by_px.norm(), best.square()));
-        }
-        // Of two frames that have each other's time stamps nothing is left without them, of a push all: it is nearer to that.
-        let without = self.step(window + 1, 1)?;
-        let is_left = without.by_px.dot(&best.by_px) > 0.5 * best.by_px.norm_squared();
-        is_left.then(|| (best.by_px.norm(), best.square()))
-    }
-
     /// The step by so many frames on either side, less the nearest ones; each ball is weighted by what its curves determine.
     fn step(&self, window: usize, skipped: usize) -> Option<CommonStep> {
         if self.at < window || self.at + window > self.frames.len() {

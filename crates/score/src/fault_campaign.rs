@@ -316,16 +316,4 @@ mod tests {
         let row: Vec<&str> = row.trim_end().split(',').collect();
         assert_eq!((cell(&row, "first"), cell(&row, "beyond")), ("camera frozen", "0"), "{row:?}");
     }
-
-    /// Flights 123 and 1419: a camera is pushed by a pixel. Windows that the push itself is in stood for what steps usually are,
-    /// nothing was said, and positions were ten standard deviations off.
-    #[test]
-    fn a_push_by_a_pixel_is_no_motion() {
-        let campaign = FaultCampaign::new(1, 2000, None);
-        for (number, said) in [(123, "second_said"), (1419, "first_said")] {
-            let row = campaign.rows(number..number + 1);
-            let row: Vec<&str> = row.trim_end().split(',').collect();
-            assert_eq!((cell(&row, said), cell(&row, "beyond")), ("1", "0"), "{row:?}");
-        }
-    }
 }
