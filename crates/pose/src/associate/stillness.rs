@@ -141,11 +141,9 @@ impl Associator {
 
     /// Why an instant whose images are repeated has no pose.
     pub(super) fn repeated_image(&self, frame: Frame) -> PoseError {
-        let seeing = |camera: &usize| frame.seen.iter().any(|s| s.camera == *camera);
-        let cameras = (0..self.cameras.len()).filter(seeing);
-        let is_repeated = |camera: &usize| self.is_repeated(*camera) || self.is_stale(*camera);
-        let repeated = cameras.clone().filter(is_repeated).count();
-        PoseError::RepeatedImage { repeated, cameras: cameras.count() }
+        let seeing = (0..self.cameras.len()).filter(|c| frame.seen.iter().any(|s| s.camera == *c));
+        let repeated = seeing.clone().filter(|c| self.is_repeated(*c)).count();
+        PoseError::RepeatedImage { repeated, cameras: seeing.count() }
     }
 
     /// Leaves a camera out that shows the same image over and over, with no more than an encoder's noise, while another
