@@ -31,6 +31,14 @@ for name, most in {"README.md": 150, "ARCHITECTURE.md": 150}.items():
     if (lines := texts[name].count("\n")) > most:
         faults.append(f"{name} has {lines} lines, {most} at most")
 
+# Files that read in one sitting; a file of tests, or tests at the end of one, may be longer.
+TESTS = re.compile(r"(^|/)(tests|\w+_tests)(\.rs|/)")
+for name, text in texts.items():
+    if name.endswith(".rs") and not TESTS.search(name):
+        inner = re.search(r"^#\[cfg\(test\)\]\nmod \w+ \{", text, re.M)
+        if (lines := text[:inner.start() if inner else None].count("\n")) > 400:
+            faults.append(f"{name} has {lines} lines without tests, 400 at most")
+
 # Links between documents.
 for name, text in texts.items():
     if name.endswith(".md"):

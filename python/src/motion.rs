@@ -8,6 +8,9 @@ use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArra
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
+/// Times that nanoseconds can count, either way, and their differences.
+const LATEST_S: f64 = 4.6e9;
+
 /// Columns of a pose, and of all that is smoothed.
 const POSE: usize = 6;
 const ALL: usize = 18;
@@ -165,9 +168,9 @@ pub(crate) fn smooth(
         let value: [f64; POSE] = std::array::from_fn(|j| pose[[k, j]]);
         let spread: [f64; POSE] = std::array::from_fn(|j| std[[k, j]]);
         let measured = value.iter().all(|v| v.is_finite());
-        if !t_s[k].is_finite() || (measured && !spread.iter().all(|s| *s > 0.0 && s.is_finite())) {
+        if !(t_s[k].abs() < LATEST_S) || (measured && !spread.iter().all(|s| *s > 0.0 && s.is_finite())) {
             return Err(wrong(format!(
-                "row {k}: times must be numbers, and standard deviations numbers above zero"
+                "row {k}: times must be numbers of seconds below {LATEST_S}, and standard deviations numbers above zero"
             )));
         }
         let t_ns = (t_s[k] * 1e9).round() as i64;

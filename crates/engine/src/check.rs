@@ -92,8 +92,20 @@ pub fn check(session: &Session, progress: &dyn Progress) -> SessionCheck {
         ..SessionCheck::default()
     };
     look_into(session, progress, &mut out);
+    out.items.extend(of_tables(session));
     out.items.sort_by_key(|item| item.harm);
     out
+}
+
+/// What a run would refuse of the tables and the log that a session names.
+fn of_tables(session: &Session) -> Vec<CheckItem> {
+    let [inputs, sensors] = [session.inputs().err(), session.sensors().err()];
+    let log = inputs
+        .is_none()
+        .then(|| session.log_gyroscope().err().or_else(|| session.log_sensors().err()))
+        .flatten();
+    let errors = [inputs, sensors, log].into_iter().flatten();
+    errors.map(|error| items::of_error(&EngineError::Input(error))).collect()
 }
 
 fn camera(name: &str) -> CameraCheck {

@@ -2,7 +2,7 @@
 
 use crate::log_clock::{LogBesidePoses, sensors_of_log};
 use crate::parts::{held_long, longest_without_gap, part_covered, part_without_gap, with_part};
-use crate::weight::mass_in_grams;
+use crate::weight::wrong_weight;
 use crate::{EngineError, Flight};
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_identify::output_error::{FlightFitOptions, FlightFits, Images, InputClock, MotionFits};
@@ -87,7 +87,7 @@ fn identify_beside_log(
         Some(Some(inputs)) => inputs,
         None => recorded,
     };
-    let weight = mass_in_grams(&motion, recorded, flight.vehicle);
+    let weight = wrong_weight(&motion, recorded, flight.vehicle);
     results.notes.extend(weight.iter().map(|finding| finding.note.clone()));
     results.findings.extend(weight);
     let solved = equation_error(&mut motion, recorded, flight, &mut results.notes, progress);

@@ -14,19 +14,26 @@ const SAMPLED: usize = 100;
 const GRAMS: f64 = 1000.0;
 const ABOUT: f64 = 2.0;
 
+/// Factor beyond which forces of a model are wrong, whatever it is: twice that, by which coefficients that are guessed are
+/// wrong at most.
+const FAR: f64 = 2.0 * ABOUT;
+
 /// Least share of the body's size that a radius of gyration has: two thirds of a rod's are 0.29 of its length,
 /// and the balls may hang on arms that are longer than what is heavy.
 const COMPACT: f64 = 0.05;
 
-/// That the forces of the vehicle's model at the recorded inputs are about a thousand times too small, or too
-/// large, for the mass of the vehicle file, and whether inertia and size say that it is the mass.
+/// That the forces of the vehicle's model at the recorded inputs are more than four times too small, or too large, for the mass
+/// of the vehicle file; where it is about a thousand times, whether inertia and size say that it is the mass.
 ///
 /// `None` where they are not, and where the model's forces or the specific force are too small to be
 /// compared: less than half of gravity.
-pub(crate) fn mass_in_grams(motion: &Motion, inputs: &InputSeries, vehicle: &Vehicle) -> Option<Finding> {
+pub(crate) fn wrong_weight(motion: &Motion, inputs: &InputSeries, vehicle: &Vehicle) -> Option<Finding> {
     let ratio = force_ratio(motion, inputs, vehicle)?;
+    if (1.0 / FAR..=FAR).contains(&ratio) {
+        return None;
+    }
     let is_about = |factor: f64| (factor / ABOUT..=factor * ABOUT).contains(&ratio);
-    let factor = [GRAMS, 1.0 / GRAMS].into_iter().find(|f| is_about(*f))?;
+    let factor = [GRAMS, 1.0 / GRAMS].into_iter().find(|f| is_about(*f)).unwrap_or(1.0);
     let places = vehicle.marker.iter().map(|m| Vector3::from(m.position_m));
     let size_m = centroid_and_spread(places.collect::<Vec<_>>().into_iter()).1 * 3f64.sqrt();
     let gyration = |mass_kg: f64| {
@@ -37,7 +44,7 @@ pub(crate) fn mass_in_grams(motion: &Motion, inputs: &InputSeries, vehicle: &Veh
     let is_of_a_body = |share: f64| (COMPACT..=1.0 / COMPACT.sqrt()).contains(&share);
     let mass_kg = vehicle.mass_kg;
     let found = format!(
-        "At the recorded inputs the model gives {:.4} times the force that carries {mass_kg} kg through the measured motion",
+        "At the recorded inputs the model gives {:.3} times the force that carries {mass_kg} kg through the measured motion",
         1.0 / ratio
     );
     Some(if is_of_a_body(instead) && !is_of_a_body(given) {
@@ -49,8 +56,8 @@ pub(crate) fn mass_in_grams(motion: &Motion, inputs: &InputSeries, vehicle: &Veh
         Finding::of(Cause::Mass, None, note)
     } else {
         let note = format!(
-            "{found}: mass_kg, the moments of inertia, the air's density, the model's thrust or the unit of its inputs are \
-             wrong by about that factor; the flight does not show which."
+            "{found}: mass_kg, the moments of inertia, the air's density, the model's thrust or the unit of its inputs (rev/min \
+             for rad/s makes 91 times of a rotor) are wrong by about that factor; the flight does not show which."
         );
         Finding { causes: vec![], camera: None, note }
     })
@@ -115,7 +122,7 @@ mod tests {
         let names = vehicle.input_columns().into_iter().map(str::to_owned).collect::<Vec<_>>();
         let inputs = InputSeries::new(names, vec![0.0, 1.0], [hover.clone(), hover].concat()).unwrap();
         change(&mut vehicle);
-        mass_in_grams(&motion, &inputs, &vehicle)
+        wrong_weight(&motion, &inputs, &vehicle)
     }
 
     #[test]
@@ -132,5 +139,8 @@ mod tests {
         assert_eq!(both.map(|f| f.cause()), Some(None));
         let thin = found(|v| v.environment.air_density_kg_m3 *= 1e-3);
         assert_eq!(thin.map(|f| f.cause()), Some(None));
+        // Rotor speeds in rev/min for rad/s make 91 times the thrust.
+        let fast = found(|v| v.environment.air_density_kg_m3 *= 91.2).expect("a finding");
+        assert!(fast.causes.is_empty() && fast.note.contains("rev/min"), "{}", fast.note);
     }
 }

@@ -106,6 +106,17 @@ pub enum GeometryError {
         /// How many of its coordinates.
         coordinates: usize,
     },
+    /// A point whose residuals have no least value near its rays.
+    #[error(
+        "the point still moves by {step_m:.3} m after {steps} steps of its triangulation: its rays do not meet; check that they \
+         are of one point, and the calibration of the cameras"
+    )]
+    TriangulationDiverged {
+        /// Length of the last step.
+        step_m: f64,
+        /// Steps.
+        steps: usize,
+    },
     /// Distortion so strong that the inverse does not converge.
     #[error(
         "the lens distortion cannot be undone at pixel ({u_px:.1}, {v_px:.1}): it lies outside the calibrated field"

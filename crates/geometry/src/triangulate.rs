@@ -29,6 +29,9 @@ pub struct Triangulation {
 /// Gauss-Newton steps; the start is within a pixel, three suffice.
 const MAX_STEPS: usize = 10;
 
+/// Square of the last step that is none, in standard deviations of the point: a hundredth of one.
+const LAST_STEP: f64 = 1e-4;
+
 /// The point whose reprojection residuals are least, each weighted by the inverse of its covariance.
 ///
 /// Starts from the point nearest to the rays and minimises the residuals by Gauss-Newton (Hartley & Sturm
@@ -37,7 +40,7 @@ const MAX_STEPS: usize = 10;
 /// # Errors
 /// [`GeometryError::TooFewRays`]; [`GeometryError::ParallelRays`] when the largest angle between two rays is
 /// no more than three standard deviations of a ray's own direction; [`GeometryError::BehindCamera`];
-/// [`GeometryError::NotFinite`]; [`GeometryError::UndistortionDiverged`].
+/// [`GeometryError::NotFinite`]; [`GeometryError::UndistortionDiverged`]; [`GeometryError::TriangulationDiverged`].
 pub fn triangulate(images: &[ImagePoint]) -> Result<Triangulation, GeometryError> {
     if images.len() < 2 {
         return Err(GeometryError::TooFewRays { found: images.len() });
@@ -65,7 +68,11 @@ pub fn triangulate(images: &[ImagePoint]) -> Result<Triangulation, GeometryError
         if !change.iter().all(|x| x.is_finite()) {
             return Err(undetermined);
         }
-        if step == MAX_STEPS || change.norm() < 1e-12 * (1.0 + point.norm()) {
+        let has_ended = step == MAX_STEPS;
+        if has_ended && change.dot(&gradient) > LAST_STEP {
+            return Err(GeometryError::TriangulationDiverged { step_m: change.norm(), steps: MAX_STEPS });
+        }
+        if has_ended || change.norm() < 1e-12 * (1.0 + point.norm()) {
             let residual_px = (sum_px2 / (2 * images.len()) as f64).sqrt();
             let covariance_m2 = factor.inverse();
             return Ok(Triangulation { point_in_world_m: point, covariance_m2, residual_px });

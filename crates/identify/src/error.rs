@@ -13,6 +13,21 @@ pub enum IdentifyError {
         /// Instants.
         instants: usize,
     },
+    /// Systematic errors of a planned flight that are not those of its instants.
+    #[error(
+        "systematic errors are given for {found} of {instants} instants of a planned flight, with {directions} directions at the \
+         first and up to {most} at others: give each instant the same number of them"
+    )]
+    PlannedSystematic {
+        /// Instants with systematic errors.
+        found: usize,
+        /// Instants.
+        instants: usize,
+        /// Directions at the first.
+        directions: usize,
+        /// The most directions.
+        most: usize,
+    },
     /// Fewer instants than parameters.
     #[error(
         "{found} instants are not enough to fit {parameters} parameters: fly for longer, or widen the window"

@@ -64,12 +64,16 @@ impl Band {
     /// [`sample_weights`] at the band's frequencies.
     ///
     /// # Errors
-    /// [`IdentifyError::BadBand`] where no frequency of it lies between zero and half the sampling rate.
+    /// [`IdentifyError::BadBand`] where it has no frequency, or ends beyond half the sampling rate.
     pub(crate) fn weights(&self, rows: usize, dt_s: f64) -> Result<DMatrix<f64>, IdentifyError> {
         let nyquist_hz = 0.5 / dt_s;
+        let bad = IdentifyError::BadBand { low_hz: self.low_hz, high_hz: self.high_hz, nyquist_hz };
+        if self.high_hz.is_nan() || self.high_hz > nyquist_hz {
+            return Err(bad);
+        }
         let frequencies_hz = self.frequencies_hz(rows as f64 * dt_s);
-        if frequencies_hz.is_empty() || self.high_hz.is_nan() || self.high_hz > nyquist_hz {
-            return Err(IdentifyError::BadBand { low_hz: self.low_hz, high_hz: self.high_hz, nyquist_hz });
+        if frequencies_hz.is_empty() {
+            return Err(bad);
         }
         Ok(sample_weights(&frequencies_hz, rows, dt_s))
     }
@@ -179,7 +183,9 @@ mod tests {
     fn a_band_that_is_none_is_refused() {
         let x = DMatrix::from_fn(100, 1, |i, _| (i as f64).sin());
         let y = x.column(0).into_owned();
-        for (low_hz, high_hz) in [(2.0, 1.0), (-1.0, 1.0), (0.1, 40.0), (0.1, f64::NAN), (f64::NAN, 1.0)] {
+        for (low_hz, high_hz) in
+            [(2.0, 1.0), (-1.0, 1.0), (0.1, 40.0), (0.0, 1e300), (0.1, f64::NAN), (f64::NAN, 1.0)]
+        {
             let refused = frequency_domain(&x, &y, 1.0 / 30.0, Band { low_hz, high_hz });
             assert!(matches!(refused, Err(IdentifyError::BadBand { .. })), "{low_hz} {high_hz}: {refused:?}");
         }

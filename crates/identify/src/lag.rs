@@ -130,8 +130,11 @@ pub fn estimate_lag(
     for _ in 0..MAX_STEPS {
         let Some(Lag { lag_s: step, std_s }) = search.step(lag_s, step_s)? else { break };
         lag_s += step;
-        if lag_s.is_nan() || lag_s.abs() > reach_s {
+        if lag_s.is_nan() {
             break;
+        }
+        if lag_s.abs() > reach_s {
+            return Ok(Clocks::Beyond(reach_s));
         }
         if step.abs() < 1e-3 * std_s || step.abs() < 1e-9 {
             return Ok(Clocks::Lag(Lag { lag_s, std_s }));

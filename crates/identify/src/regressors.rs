@@ -35,7 +35,7 @@ pub enum Bandwidth {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
     /// Left out at either end, where a low-pass leans on one side only; at least one period of the
-    /// smoother's, and of a further low-pass.
+    /// smoother's, and of a further low-pass, and at most a quarter of the record.
     pub margin_s: f64,
     /// Equations in place of those of the vehicle's model.
     pub equations: Option<EquationFile>,
@@ -114,7 +114,10 @@ pub(crate) fn coefficients_of(
     let (Some(first_s), Some(last_s)) = (flight.t_s.first().copied(), flight.t_s.last().copied()) else {
         return Err(IdentifyError::TooFewInstants { found: 0, parameters: 1 });
     };
-    let slowest_hz = motion.translation_bandwidth_hz.min(motion.rotation_bandwidth_hz);
+    let mut slowest_hz = motion.translation_bandwidth_hz.min(motion.rotation_bandwidth_hz);
+    if let Bandwidth::Hz(hz) = options.bandwidth {
+        slowest_hz = slowest_hz.min(hz);
+    }
     let margin_s = options.margin_s.max(1.0 / slowest_hz).clamp(0.0, (last_s - first_s) / 4.0);
     let mut table = CoefficientTable {
         t_s: flight.t_s.clone(),

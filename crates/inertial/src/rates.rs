@@ -3,14 +3,15 @@
 use crate::alignment::{BIAS, SCALE, TURN, UNKNOWNS};
 use crate::{GyroscopeSeries, LogAlignment};
 use mavsight_geometry::{Matrix3, Vector3};
-use mavsight_pose::{PoseError, RateError, RateSeries};
+use mavsight_pose::{PoseError, RateError, RateSeries, RatesRefusal};
 
 impl LogAlignment {
     /// The rates of the log in body axes, by the clock of the poses, with what is uncertain of the alignment: one [`RateError`]
     /// for each column of the root of its covariance.
     ///
     /// # Errors
-    /// [`mavsight_pose::RatesRefusal::Bad`] where the log's rate is so high that times fall together.
+    /// [`mavsight_pose::RatesRefusal::Bad`] where the log's rate is so high that times fall together;
+    /// [`mavsight_pose::RatesRefusal::BadAlignment`] for a covariance that is not positive definite.
     pub fn body_rates(&self, gyroscope: &GyroscopeSeries) -> Result<RateSeries, PoseError> {
         let body_from_sensor = self.body_from_sensor.to_rotation_matrix().into_inner();
         let gains = self.scale.add_scalar(1.0);
@@ -21,8 +22,7 @@ impl LogAlignment {
         let times_ns =
             gyroscope.times_ns().iter().map(|t| (1e9 * self.pose_s(*t as f64 * 1e-9)).round() as i64);
         let rates = gyroscope.rates_rad_s().iter().map(in_body).collect();
-        // The inverse of an information that was factored is positive definite.
-        let root = self.covariance.cholesky().map_or_else(|| self.covariance * 0.0, |factor| factor.l());
+        let root = self.covariance.cholesky().ok_or(RatesRefusal::BadAlignment)?.l();
         let error = |c: usize| {
             let column = root.column(c);
             let three = |from: usize| Vector3::new(column[from], column[from + 1], column[from + 2]);

@@ -34,7 +34,7 @@ impl MotionFilter {
     }
 
     pub(crate) fn push(&mut self, sample: &PoseSample) -> Option<MotionSample> {
-        // A pose that the filter refuses leaves it unchanged, and is sent without motion.
+        // A pose that the filter refuses is sent without motion.
         let motion = self.filter.as_mut().and_then(|f| f.push(sample).ok().flatten());
         if !self.has_final_noise() {
             self.keep(sample);

@@ -9,17 +9,18 @@ use mavsight_identify::{
     independent_columns,
 };
 use mavsight_link::{Event, Parameter};
-use mavsight_pose::{PoseSample, smooth};
+use mavsight_pose::{NORMAL_95, PoseSample, smooth};
 use std::sync::{Arc, Mutex};
 
+/// As much as is smoothed at a time: warm-up and, behind it, several times of an estimate.
 const WINDOW_S: f64 = 16.0;
 /// Rows of a window are used from this time after its beginning, except in the flight's first window:
 /// states that follow rates are integrated from trim, and the error of that start decays within three time
 /// constants of the slowest, such as a fly-bar.
 const WARM_UP_S: f64 = 10.0;
+/// Time from one estimate to the next: what a person can follow.
 const EVERY_S: f64 = 1.0;
-/// Half width of a 95 % interval in standard deviations.
-const HALF_WIDTH: f64 = 1.96;
+/// Poses that wait for an estimate at most: half a minute of 120 Hz.
 const WAITING: usize = 4096;
 
 /// Inputs that were recorded or commanded.
@@ -87,6 +88,10 @@ struct Fit {
     columns: Vec<String>,
     /// Standard deviations of the regressors' errors in the latest window.
     errors: Vec<f64>,
+    /// Relative standard deviation of what the output is divided by: mass or inertia.
+    scale_std: f64,
+    /// Time from which the next row is used.
+    next_s: f64,
     fit: RecursiveLeastSquares,
 }
 
@@ -97,7 +102,8 @@ struct Work {
     enough: f64,
     window: Vec<PoseSample>,
     is_first: bool,
-    until_s: f64,
+    /// Time of the pose at which an estimate was last tried.
+    tried_s: Option<f64>,
     fits: Vec<Fit>,
 }
 
@@ -119,7 +125,7 @@ impl Work {
             enough,
             window: Vec::new(),
             is_first: true,
-            until_s: f64::NEG_INFINITY,
+            tried_s: None,
             fits: Vec::new(),
         }
     }
@@ -131,16 +137,13 @@ impl Work {
         }
         self.window.push(sample);
         let (first_s, last_s) = (seconds(self.window.first()), seconds(self.window.last()));
-        let since_s = last_s - if self.until_s.is_finite() { self.until_s } else { first_s };
-        // Near the end of a window the smoother has data on one side only.
-        if since_s < 2.0 * EVERY_S || self.window.len() < 30 {
+        if last_s - self.tried_s.unwrap_or(first_s + EVERY_S) < EVERY_S || self.window.len() < 30 {
             return None;
         }
+        self.tried_s = Some(last_s);
         let table = self.table(first_s, last_s);
         if let Some(table) = &table {
             self.take(table, first_s);
-        } else {
-            self.until_s = last_s - EVERY_S;
         }
         let event = table.map(|_| self.event(last_s));
         let keep_s = last_s - WINDOW_S;
@@ -160,27 +163,20 @@ impl Work {
 
     /// Adds the rows of a table that were not used yet.
     fn take(&mut self, table: &CoefficientTable, first_s: f64) {
-        let from_s = if self.is_first { first_s } else { first_s + WARM_UP_S }.max(self.until_s);
-        let rows = table.rows_in_window();
-        let mut until_s = self.until_s.max(table.window_s.1);
+        let from_s = if self.is_first { first_s } else { first_s + WARM_UP_S };
         for output in &table.outputs {
-            let step_s = 0.5 / output.bandwidth_hz;
-            let fit = fit_of(&mut self.fits, output);
-            let Some(fit) = fit else { continue };
-            let mut next_s = from_s;
+            let Some(fit) = fit_of(&mut self.fits, output) else { continue };
             let mut row = vec![0.0; output.columns.len()];
-            for &i in rows.iter().filter(|i| table.t_s[**i] > from_s) {
-                if table.t_s[i] < next_s {
+            for i in table.rows_in_window().into_iter().filter(|i| table.t_s[*i] > from_s) {
+                if table.t_s[i] < fit.next_s {
                     continue;
                 }
-                next_s = table.t_s[i] + step_s;
+                fit.next_s = table.t_s[i] + 0.5 / output.bandwidth_hz;
                 row.iter_mut().zip(&output.columns).for_each(|(to, c)| *to = c.values[i]);
                 // A row that is not finite is skipped.
                 let _ = fit.fit.update(&row, output.values[i]);
             }
-            until_s = until_s.max(next_s.min(table.window_s.1));
         }
-        self.until_s = until_s;
     }
 
     fn event(&self, t_s: f64) -> Event {
@@ -204,7 +200,10 @@ impl Fit {
             let at = dependence.independent.iter().position(|k| *k == column);
             let known = at.filter(|k| dependence.stands_alone(*k)).zip(estimate.as_ref());
             let value = known.map(|(k, (values, _))| values[k]);
-            let half_width = known.map(|(k, (_, c))| HALF_WIDTH * c[(k, k)].max(0.0).sqrt());
+            let half_width = known.map(|(k, (values, covariance))| {
+                let noise = covariance[(k, k)].max(0.0).sqrt();
+                NORMAL_95 * noise.hypot(values[k] * self.scale_std)
+            });
             let enough = value.zip(half_width).is_some_and(|(v, h)| h <= share * v.abs());
             Parameter { name: format!("{},{name}", self.output), value, half_width, enough }
         };
@@ -217,10 +216,12 @@ fn fit_of<'a>(fits: &'a mut Vec<Fit>, output: &Output) -> Option<&'a mut Fit> {
     if !fits.iter().any(same) {
         let fit = RecursiveLeastSquares::new(output.columns.len(), 1.0).ok()?;
         let columns = output.columns.iter().map(|c| c.name.clone()).collect();
-        fits.push(Fit { output: output.name.clone(), columns, errors: Vec::new(), fit });
+        let (output, next_s) = (output.name.clone(), f64::NEG_INFINITY);
+        fits.push(Fit { output, columns, errors: Vec::new(), scale_std: 0.0, next_s, fit });
     }
     let fit = fits.iter_mut().find(|f| same(f))?;
     fit.errors = output.columns.iter().map(|c| c.std).collect();
+    fit.scale_std = output.scale_std;
     Some(fit)
 }
 
@@ -259,6 +260,20 @@ mod tests {
             PoseSample { t_ns: (s.t_s * 1e9).round() as i64, estimate: Ok(estimate) }
         };
         (states.iter().map(sample).collect(), inputs)
+    }
+
+    /// A mass that is known to a tenth is in every interval, however well the rows agree.
+    #[test]
+    fn the_uncertainty_of_the_mass_is_in_the_intervals() {
+        let mut fit = RecursiveLeastSquares::new(1, 1.0).unwrap();
+        for k in 1..100 {
+            fit.update(&[f64::from(k)], 3.0 * f64::from(k)).unwrap();
+        }
+        let (output, columns) = ("C_X".to_owned(), vec!["T_u".to_owned()]);
+        let fit = Fit { output, columns, errors: vec![0.0], scale_std: 0.1, next_s: 0.0, fit };
+        let found = fit.parameters(0.5);
+        let half_width = found[0].half_width.unwrap();
+        assert!((half_width - NORMAL_95 * 0.3).abs() < 1e-6, "{half_width}");
     }
 
     /// The last estimate is that of a batch run's least squares, intervals shrink, and an undetermined

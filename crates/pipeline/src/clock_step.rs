@@ -30,6 +30,9 @@ const LEAST_DEPARTURE: f64 = 1e-3;
 /// many frames are lost is two faults at once.
 const MOST_COMPARED: usize = 3;
 
+/// Frames that may be missing at one place, an hour of 30 Hz: what is further apart is a clock that was set.
+const MOST_MISSING: usize = 108_000;
+
 /// Steps of one camera that are looked for: more of them are a clock that is no clock.
 const MOST_STEPS: usize = 3;
 
@@ -185,7 +188,7 @@ fn what_happened(
     let by_s = |missing: usize| gap_s - (1 + backward + missing) as f64 * interval_s;
     let ns = |by_s: f64| (by_s * 1e9).round() as i64;
     // No frame is missing, or as many as the flight asks for.
-    let most = ((gap_s / interval_s) as usize).saturating_sub(1);
+    let most = ((gap_s / interval_s) as usize).saturating_sub(1).min(MOST_MISSING);
     let steps: Vec<f64> = (0..=most).map(by_s).collect();
     let against = if is_whole && backward == 0 { USUAL_LOSS } else { 0.0 };
     let mut decided = by_clocks(streams, camera, (place, interval_s), &steps, rig, vehicle);
@@ -336,6 +339,15 @@ mod tests {
             let apart_ns = stepped[1].stamps_ns.iter().zip(right).map(|(a, b)| (a - b).abs()).max();
             assert!(apart_ns < Some(1_000_000), "{by_ms} ms: {apart_ns:?} ns");
         }
+    }
+
+    /// A clock that was set to the time of day asked for as many steps as frames of half a century.
+    #[test]
+    fn a_clock_that_was_set_to_the_time_of_day_ends() {
+        let mut stepped = streams();
+        stepped[1].move_stamps(70, 1_700_000_000_000_000_000);
+        let findings = found(&mut stepped);
+        assert!(findings.iter().any(|f| f.camera == Some(1)), "{findings:?}");
     }
 
     /// Of the first camera, by whose clock the others' are known, no step was looked for.

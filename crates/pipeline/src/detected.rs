@@ -77,10 +77,7 @@ fn taken(
             }
         }
     }
-    if stream.stamps_ns.is_empty() {
-        return Err(PipelineError::NoFrames { camera: feed.name });
-    }
-    Ok((stream, watch))
+    Ok((stream.checked()?, watch))
 }
 
 /// Whether a detection says something of its image, in the seven digits that are kept of it.

@@ -72,6 +72,18 @@ pub enum PipelineError {
         /// Camera name.
         camera: String,
     },
+    /// A camera whose time stamps lie closer together than frames can.
+    #[error(
+        "{camera}: frames are {interval_ns} ns apart by their time stamps, and at least {least_ns} ns are: the stamps are of another unit; give nanoseconds"
+    )]
+    StampsTooDense {
+        /// Camera name.
+        camera: String,
+        /// Median interval.
+        interval_ns: i64,
+        /// The least of a camera.
+        least_ns: i64,
+    },
     /// A control table that is too short.
     #[error(
         "the control table has {found} points, but a calibration needs at least 6 that do not lie in one plane: survey more"

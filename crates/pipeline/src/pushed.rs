@@ -24,9 +24,8 @@ const LEAST_FRAMES: usize = 4;
 /// Balls that have to step together.
 const LEAST_BALLS: usize = 3;
 
-/// Standard deviations, in the plane, of a step that is none by chance in a hundred hours of two cameras at 60 Hz, which are
-/// 43 million frames with three windows each: the square is 2 ln(1.3e8).
-const STEPPED: f64 = 6.1;
+/// Probability that noise alone steps as clearly anywhere in a recording, in which a camera is then taken for pushed.
+const BY_CHANCE: f64 = 1e-3;
 
 /// Two estimates of a step that agree, by chi-square of two degrees of freedom at 99.9 %.
 const AGREE: f64 = 13.8;
@@ -50,7 +49,9 @@ struct Step {
 
 /// Leaves out what cameras filmed after they were pushed, and says which.
 pub(crate) fn leave_out(streams: &mut [Stream], colors: &MarkerColors) -> Vec<Finding> {
-    let all: Vec<Vec<Step>> = streams.iter().map(|s| steps(s, colors)).collect();
+    let stepped = least_square(streams);
+    let rival = stepped - DECISIVE;
+    let all: Vec<Vec<Step>> = streams.iter().map(|s| steps(s, colors, rival)).collect();
     let mut findings = Vec::new();
     for camera in 0..streams.len() {
         let is_apart = |other: usize, step: &Step, own: &Step| {
@@ -61,12 +62,12 @@ pub(crate) fn leave_out(streams: &mut [Stream], colors: &MarkerColors) -> Vec<Fi
         };
         // What steps in two cameras was done to the aircraft, or to both.
         let is_own = |own: &&Step| {
-            let is_rival = |step: &Step| step.square > (own.square - DECISIVE).min(STEPPED * STEPPED);
+            let is_rival = |step: &Step| step.square > (own.square - DECISIVE).min(stepped);
             (0..streams.len())
                 .filter(|other| *other != camera)
                 .all(|other| all[other].iter().all(|step| is_apart(other, step, own) || !is_rival(step)))
         };
-        let is_clear = |step: &&Step| step.square >= STEPPED * STEPPED;
+        let is_clear = |step: &&Step| step.square >= stepped;
         let Some(step) = all[camera].iter().filter(is_clear).find(is_own) else { continue };
         let note = format!(
             "{} was moved at {:.3} s: the aircraft jumps in its image by {:.1} px from one frame to the next, and in that of no \
@@ -81,12 +82,19 @@ pub(crate) fn leave_out(streams: &mut [Stream], colors: &MarkerColors) -> Vec<Fi
     findings
 }
 
-/// Steps of a camera's images that may be none by chance, each the clearest among its neighbours.
-fn steps(stream: &Stream, colors: &MarkerColors) -> Vec<Step> {
-    let all = all_steps(stream, &colors.counts());
+/// Square of a step, in standard deviations, that is none by chance: the quantile of chi-square of two degrees of freedom,
+/// for as many steps as a recording has frames and windows (Bonferroni).
+fn least_square(streams: &[Stream]) -> f64 {
+    let frames: usize = streams.iter().map(|s| s.stamps_ns.len()).sum();
+    2.0 * ((frames.max(1) * WINDOWS.len()) as f64 / BY_CHANCE).ln()
+}
+
+/// Steps of a camera's images whose squares are at least so large, each the clearest among its neighbours.
+fn steps(stream: &Stream, colors: &MarkerColors, least: f64) -> Vec<Step> {
+    let all = all_steps(stream, &colors.counts(), least);
     let mut out: Vec<Step> = Vec::new();
     for (frame, (by_px, square)) in all.iter().enumerate() {
-        if *square < (STEPPED * STEPPED - DECISIVE) as f32 {
+        if f64::from(*square) < least {
             continue;
         }
         let near = &all[frame.saturating_sub(2 * LONGEST)..all.len().min(frame + 2 * LONGEST)];
@@ -102,7 +110,7 @@ fn steps(stream: &Stream, colors: &MarkerColors) -> Vec<Step> {
             _ => out.push(step),
         }
     }
-    out.retain(|step| step.square >= STEPPED * STEPPED - DECISIVE);
+    out.retain(|step| step.square >= least);
     out
 }
 
@@ -116,12 +124,12 @@ fn usual(near: &[(f32, f32)]) -> f64 {
 }
 
 /// The step before each frame, and its square in standard deviations; zero where there is none.
-fn all_steps(stream: &Stream, counts: &[usize]) -> Vec<(f32, f32)> {
+fn all_steps(stream: &Stream, counts: &[usize], least: f64) -> Vec<(f32, f32)> {
     let interval_ns = stream.interval_s() * 1e9;
     let mut near: VecDeque<LoneBalls> = VecDeque::with_capacity(2 * LONGEST + 2);
     let mut out = vec![(0.0, 0.0); stream.stamps_ns.len()];
     let mut add = |near: &VecDeque<LoneBalls>, at: usize, first: usize| {
-        if let Some((by_px, square)) = step_before(near, at, interval_ns) {
+        if let Some((by_px, square)) = step_before(near, at, interval_ns, least) {
             out[first + at] = (by_px as f32, square as f32);
         }
     };
@@ -154,8 +162,9 @@ fn lone(seen: &[StoredDetection], counts: &[usize]) -> Vec<Option<(Vector2<f64>,
 }
 
 /// By how much the images step before a frame, and the square of that in standard deviations. `None` where frames are missing
-/// or their clock is out of its beat, and where without the two frames beside it no step is left.
-fn step_before(frames: &VecDeque<LoneBalls>, at: usize, interval_ns: f64) -> Option<(f64, f64)> {
+/// or their clock is out of its beat, and where without the two frames beside it no step is left: tried where the square is at
+/// least so large.
+fn step_before(frames: &VecDeque<LoneBalls>, at: usize, interval_ns: f64, least: f64) -> Option<(f64, f64)> {
     let beats = (frames[at].stamp_ns - frames[at - 1].stamp_ns) as f64 / interval_ns;
     if (beats - 1.0).abs() > OUT_OF_BEAT {
         return None;
@@ -166,7 +175,7 @@ fn step_before(frames: &VecDeque<LoneBalls>, at: usize, interval_ns: f64) -> Opt
     let all = fits.filter_map(|window| Some((*window, between.step(*window, 0)?)));
     let fitting = all.filter(|(_, step)| step.agrees_with(&shortest));
     let (window, best) = fitting.max_by(|a, b| a.1.square().total_cmp(&b.1.square()))?;
-    if best.square() < STEPPED * STEPPED - DECISIVE {
+    if best.square() < least {
         return Some((best.by_px.norm(), best.square()));
     }
     // Of two frames that have each other's time stamps nothing is left without them, of a push all: it is nearer to that.

@@ -8,6 +8,7 @@ use mavsight_pose::{
     CameraStream, ClockPrior, MarkerObservation, TrackedDetection, informative_stretches_ns,
 };
 
+mod checked;
 mod frozen;
 mod order;
 

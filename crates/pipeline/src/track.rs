@@ -121,10 +121,7 @@ fn observe(
             progress.step();
         }
     }
-    if stream.stamps_ns.is_empty() {
-        return Err(PipelineError::NoFrames { camera: stream.name });
-    }
-    Ok((stream, watch.finish(tracker.tracker())))
+    Ok((stream.checked()?, watch.finish(tracker.tracker())))
 }
 
 /// Clocks, instants, identities and poses of what the cameras saw.

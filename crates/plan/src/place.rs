@@ -6,6 +6,9 @@ use mavsight_geometry::Vector3;
 /// A camera needs so much room to the walls.
 const CLEARANCE_M: f64 = 0.05;
 
+/// Places that are compared at most: each is with all others.
+const MOST_PLACES: f64 = 1e5;
+
 impl Room {
     /// Whether a camera may stand there.
     pub fn allows(&self, place_m: &Vector3<f64>) -> bool {
@@ -22,6 +25,13 @@ impl Room {
     /// corners.
     pub(crate) fn places(&self, step_m: f64) -> Result<Vec<Vector3<f64>>, PlanError> {
         let (mut out, mut looked_at): (Vec<Vector3<f64>>, usize) = (Vec::new(), 0);
+        let cells_of = |s: &Solid| (0..3).map(|k| (s.high_m[k] - s.low_m[k]) / step_m + 2.0).product::<f64>();
+        let cells: f64 = self.stands().iter().map(cells_of).sum();
+        PlanError::unless(cells <= MOST_PLACES, "step", || {
+            format!(
+                "{step_m} m makes about {cells:.0} places for a camera, and {MOST_PLACES} are compared at most: lengthen it, or make the [[stand]] boxes smaller"
+            )
+        })?;
         for solid in self.stands() {
             let low = Vector3::from(solid.low_m);
             let side = Vector3::from(solid.high_m) - low;

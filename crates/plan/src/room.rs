@@ -274,7 +274,7 @@ impl Room {
         let std = self.control.as_ref().and_then(|c| c.std_px).unwrap_or(1.0);
         let is_std = std.is_finite() && std > 0.0;
         PlanError::unless(is_std, "control.std_px", || format!("{std} is not above zero"))?;
-        let cameras: usize = self.camera.iter().map(|c| c.count).sum();
+        let cameras = self.camera.iter().fold(0_usize, |sum, camera| sum.saturating_add(camera.count));
         PlanError::unless((2..=16).contains(&cameras), "camera", || {
             format!("{cameras} cameras in all: give 2 to 16 by `count`")
         })?;

@@ -66,9 +66,9 @@ impl Planner {
     ///
     /// # Errors
     /// [`PlanError::NoPlace`]; [`PlanError::NothingSeen`]; [`PlanError::Value`] for a step that is not
-    /// positive.
+    /// 0.1 to 2 m, or so short that there are more than 100 000 places.
     pub fn search(&self, options: &SearchOptions) -> Result<Vec<Ranked>, PlanError> {
-        PlanError::unless(options.step_m.is_finite() && options.step_m > 0.01, "step", || {
+        PlanError::unless((0.1..=2.0).contains(&options.step_m), "step", || {
             format!("{} m is no distance: give 0.1 to 2", options.step_m)
         })?;
         let kinds: Vec<usize> =

@@ -5,12 +5,13 @@
 //! single measurements), and the axes are put through the first points, which moves coordinates and no distance.
 
 mod axes;
+mod refusal;
 mod solve;
 #[cfg(test)]
 mod tests;
 
-use crate::PoseError;
 use nalgebra::{DMatrix, Matrix3, Vector3};
+pub use refusal::DistanceRefusal;
 use statrs::function::gamma::checked_gamma_ur;
 
 /// What a tape, or a string with a weight, says of points, which go by their numbers.
@@ -86,13 +87,13 @@ fn beyond_chi_square(value: f64, freedom: usize) -> f64 {
 /// rigid: eight points need 18 distances at least, and all 28 are better.
 ///
 /// # Errors
-/// [`PoseError::BadDistance`] for what is no measurement; [`PoseError::LooseNetwork`] where points can move;
-/// [`PoseError::FlatNetwork`] where they are so nearly in one plane that distances do not hold them out of it;
-/// [`PoseError::NetworkDisagrees`] where measurements contradict each other and no single one explains it.
+/// [`DistanceRefusal::Bad`] for what is no measurement; [`DistanceRefusal::Loose`] where points can move;
+/// [`DistanceRefusal::Flat`] where they are so nearly in one plane that distances do not hold them out of it;
+/// [`DistanceRefusal::Contradictory`] where measurements contradict each other and no single one explains it.
 pub fn points_from_distances(
     names: &[String],
     measured: &[NetworkMeasurement],
-) -> Result<PointNetwork, PoseError> {
+) -> Result<PointNetwork, DistanceRefusal> {
     for (k, m) in measured.iter().enumerate() {
         check(names, m, &measured[..k])?;
     }
@@ -127,9 +128,9 @@ fn check(
     names: &[String],
     measured: &NetworkMeasurement,
     before: &[NetworkMeasurement],
-) -> Result<(), PoseError> {
+) -> Result<(), DistanceRefusal> {
     let bad = |detail: &str| {
-        Err(PoseError::BadDistance {
+        Err(DistanceRefusal::Bad {
             between: measurement_words(names, measured.between),
             detail: detail.to_owned(),
         })
@@ -179,7 +180,7 @@ fn disagreement(
     measured: &[NetworkMeasurement],
     solved: &solve::Solved,
     suspects: &[usize],
-) -> PoseError {
+) -> DistanceRefusal {
     let mut order: Vec<usize> = (0..measured.len()).collect();
     let share = |k: usize| (solved.residuals_m[k] / measured[k].std_m).abs();
     order.sort_by(|a, b| share(*b).total_cmp(&share(*a)));
@@ -193,5 +194,5 @@ fn disagreement(
         })
         .collect();
     let ratio = (solved.chi_square / solved.redundancy.max(1) as f64).sqrt();
-    PoseError::NetworkDisagrees { ratio, worst: list.join(", "), is_one_of: !suspects.is_empty() }
+    DistanceRefusal::Contradictory { ratio, worst: list.join(", "), is_one_of: !suspects.is_empty() }
 }

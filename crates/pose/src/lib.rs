@@ -37,7 +37,8 @@ pub use clock::{
 };
 pub use detection::{MarkerObservation, TrackedDetection};
 pub use distances::{
-    MeasuredBetween, NetworkMeasurement, PointNetwork, measurement_words, points_from_distances,
+    DistanceRefusal, MeasuredBetween, NetworkMeasurement, PointNetwork, measurement_words,
+    points_from_distances,
 };
 pub use error::PoseError;
 pub use estimate::{
@@ -57,3 +58,4 @@ pub use smoother::{
     RateError, RateSeries, covariance_from_std, euler_std, lowpass_like, motion_noise, smooth,
     smooth_with_effects, smooth_with_rates,
 };
+pub use statistics::NORMAL_95;

@@ -13,6 +13,12 @@ pub enum RatesRefusal {
         /// What is wrong.
         what: &'static str,
     },
+    /// An alignment of a gyroscope whose covariance is none.
+    #[error(
+        "the covariance of the gyroscope's alignment with the poses is not positive definite: the flight does not determine it; \
+         turn about all three axes, or leave the log out"
+    )]
+    BadAlignment,
     /// Too few rates of a gyroscope during the poses.
     #[error("{found} rates of the gyroscope lie within the poses, and their noise needs at least {needed}")]
     TooFew {

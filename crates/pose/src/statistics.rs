@@ -2,6 +2,9 @@
 
 use statrs::function::beta::checked_beta_reg;
 
+/// Half width of a 95 % interval of a normal error, in standard deviations.
+pub const NORMAL_95: f64 = 1.959_964;
+
 /// The upper median; not a number where there is none.
 pub(crate) fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);

@@ -7,6 +7,7 @@ use crate::parameters::{equation_rows, lead, parameter_table, words};
 use crate::summary::Summary;
 use crate::{Figure, ReportError, Table};
 use mavsight_identify::{Clocks, Identification, OutputFit};
+use mavsight_pose::NORMAL_95;
 use mavsight_session::RunResults;
 use serde_json::json;
 
@@ -155,7 +156,7 @@ pub(crate) fn figures(results: &RunResults) -> Result<Vec<Figure>, ReportError> 
 /// Autocorrelation of the residuals over their lags, with the bounds of white noise.
 fn autocorrelation(fit: &OutputFit, interval_s: f64) -> Panel {
     let all = &fit.diagnostics.autocorrelations;
-    let bound = 1.96 / (fit.diagnostics.fit.count.max(1) as f64).sqrt();
+    let bound = NORMAL_95 / (fit.diagnostics.fit.count.max(1) as f64).sqrt();
     let last_s = interval_s * all.len() as f64;
     let level = |v: f64| curve("95 % of white ones", Role::Truth, [(0.0, v), (last_s, v)].into_iter());
     let points = all.iter().enumerate().map(|(k, r)| (interval_s * (k + 1) as f64, *r));

@@ -6,7 +6,8 @@ use crate::{Figure, ReportError};
 use mavsight_flight::InputSeries;
 use mavsight_geometry::{EulerAngles, Isometry3, Vector3};
 use mavsight_pose::{
-    MapPlane, MotionSample, PoseEstimate, PoseSample, Rig, control_volume, euler_std, precision_map,
+    MapPlane, MotionSample, NORMAL_95, PoseEstimate, PoseSample, Rig, control_volume, euler_std,
+    precision_map,
 };
 use mavsight_session::RunResults;
 use mavsight_simulator::FlightState;
@@ -33,8 +34,6 @@ pub(crate) fn figure_over(
 fn seconds(t_ns: i64) -> f64 {
     t_ns as f64 * 1e-9
 }
-
-const NORMAL_95: f64 = 1.959_964;
 
 const MAP_CELLS: usize = 30;
 

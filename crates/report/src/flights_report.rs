@@ -4,6 +4,7 @@ use crate::parameters::words;
 use crate::svg::{AXIS, Area, BLUE, Drawn, FONT, VERMILION, svg};
 use crate::{Figure, Report, ReportError, Table, render};
 use mavsight_identify::{FlightEstimate, Pooled, PooledParameter};
+use mavsight_pose::NORMAL_95;
 use mavsight_session::{results::names, write_whole};
 use plotters::prelude::*;
 use std::path::Path;
@@ -12,8 +13,6 @@ const LABEL_PX: u32 = 200;
 const ROW_PX: u32 = 22;
 const HEAD_PX: u32 = 30;
 const FOOT_PX: u32 = 30;
-/// Half a 95 % interval of a normal error, in standard deviations.
-const NORMAL_975: f64 = 1.96;
 
 /// Pooled parameters as aligned text: mean, standard deviation, 95 % interval, standard deviation between flights, and
 /// whether flights differ. Says so where no parameter was determined by two flights.
@@ -99,7 +98,7 @@ pub fn write_flights_report(
 
 /// A forest plot (Lewis & Clarke 2001): a line for each flight's interval, a diamond for that of the mean.
 fn forest(p: &PooledParameter, flights: &[String]) -> Result<String, ReportError> {
-    let reach = |e: &FlightEstimate| NORMAL_975 * e.std;
+    let reach = |e: &FlightEstimate| NORMAL_95 * e.std;
     let edges = p.flights.iter().flat_map(|(_, e)| [e.value - reach(e), e.value + reach(e)]);
     let Pooled { mean, ci_low, ci_high, between_std, .. } = p.pooled;
     // The interval of a mean of two flights is wide: what it needs beyond three times the flights is cut off.

@@ -133,6 +133,7 @@ impl Estimates {
             symbol: symbols::name(&p.name, &p.unit),
             text: text.map_or(String::new(), |own| own.text.clone()),
             value: format!("{} ± {}", digits.text(e.value), digits.text(e.std)),
+            whole: digits.with_std(e.value, e.std, &p.unit),
             interval: format!("{} to {}", digits.text(e.interval.0), digits.text(e.interval.1)),
             unit,
             markup: drawn(p, e, &self.estimators),
@@ -177,6 +178,8 @@ struct IntervalRow {
     symbol: String,
     text: String,
     value: String,
+    /// The value with its power of ten and unit, for a narrow screen.
+    whole: String,
     interval: String,
     unit: String,
     /// The intervals, as SVG.

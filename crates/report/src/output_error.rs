@@ -83,12 +83,12 @@ fn ahead_of(name: &str, errors: &AheadErrors) -> String {
     let shown =
         |e: &PoseErrors| format!("{:.1} mm and {:.2}°", 1e3 * e.position_m, e.attitude_rad.to_degrees());
     let verdict = if is_of_use(errors) { "" } else { ": do not use its parameters" };
-    let ran_away = match errors.ran_away {
-        0 => String::new(),
-        count => format!(" ({count} of them ran away)"),
-    };
+    let counted =
+        |count: usize, what: &str| if count == 0 { String::new() } else { format!(" ({count} {what})") };
+    let ran_away = counted(errors.ran_away, "of them ran away");
+    let not_started = counted(errors.not_started, "more had no state to start from");
     format!(
-        "{} predicts the part held out {} s ahead, {} times{ran_away}, to {}; holding velocity and rates, to {}{verdict}.",
+        "{} predicts the part held out {} s ahead, {} times{ran_away}{not_started}, to {}; holding velocity and rates, to {}{verdict}.",
         words(name),
         errors.horizon_s,
         errors.count,

@@ -10,7 +10,7 @@ use mavsight_identify::output_error::{
     ExpectedParameter, FlightModel, Measurements, OutputErrorOptions, StateMeasurement, output_error,
 };
 use mavsight_plan::{FlightLimits, FlightPlanner, Placed, PlannedManoeuvre, Planner};
-use mavsight_pose::{MarkerObservation, PoseEstimator, Rig, RigCamera};
+use mavsight_pose::{MarkerObservation, NORMAL_95, PoseEstimator, Rig, RigCamera};
 use mavsight_random::Random;
 use mavsight_session::{ns_from_s, read_toml};
 use mavsight_simulator::Scenario;
@@ -68,8 +68,6 @@ pub struct Campaign {
     cells: Vec<Cell>,
     job: u64,
 }
-
-const NORMAL_95: f64 = 1.959_964;
 
 impl Campaign {
     /// Reads a campaign file and the rooms and scenarios that it names, relative to it, and plans every

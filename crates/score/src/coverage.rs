@@ -2,6 +2,7 @@
 
 use crate::VirtualFlight;
 use mavsight_geometry::{Isometry3, Matrix3, Vector3};
+use mavsight_pose::NORMAL_95;
 use mavsight_simulator::FlightState;
 use serde::Serialize;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
@@ -32,8 +33,6 @@ pub struct Quantity {
     /// Whether intervals that are too wide are a failure too; ones that are too narrow always are.
     pub is_required: bool,
 }
-
-pub(crate) const NORMAL_95: f64 = 1.959_964;
 
 /// Verdict on a share that is not what it should be, while its interval reaches there.
 pub const TOO_FEW: &str = "too few flights to decide";

@@ -37,7 +37,7 @@ pub enum Fault {
     /// The vehicle file gives two markers each other's colour.
     ColorsExchanged,
     /// A ball of a marker's colour and size is carried through the room.
-    LookAlike,
+    Decoy,
     /// Numbers of detections that are none, infinite, or no covariance.
     NotANumber,
 }
@@ -58,7 +58,7 @@ impl Fault {
         Self::OneVisible,
         Self::NoneVisible,
         Self::ColorsExchanged,
-        Self::LookAlike,
+        Self::Decoy,
         Self::NotANumber,
     ];
 
@@ -78,7 +78,7 @@ impl Fault {
             Self::OneVisible => "1 ball visible",
             Self::NoneVisible => "0 balls visible",
             Self::ColorsExchanged => "colours exchanged",
-            Self::LookAlike => "look-alike moves",
+            Self::Decoy => "decoy moves",
             Self::NotANumber => "not a number",
         }
     }
@@ -94,7 +94,7 @@ impl Fault {
             Self::CameraFrozen => Expected::Cause(Cause::CameraFrozen),
             Self::CameraBumped => Expected::Cause(Cause::CameraMoved),
             Self::ColorsExchanged => Expected::Cause(Cause::ColorsExchanged),
-            Self::LookAlike => Expected::Cause(Cause::Decoy),
+            Self::Decoy => Expected::Cause(Cause::Decoy),
             Self::NotANumber => Expected::Note("not finite"),
             Self::FramesReordered
             | Self::ThreeVisible

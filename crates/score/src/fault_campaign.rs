@@ -1,12 +1,12 @@
 //! Thousands of simulated flights with faults, each alone and in pairs.
 
 use crate::chunks::checksum;
-use crate::coverage::{NORMAL_95, QUANTITIES, motion_error};
+use crate::coverage::{QUANTITIES, motion_error};
 use crate::fault::{Expected, Fault};
 use crate::faulty_flight::FaultyFlight;
 use crate::{ChunkFile, ScoreError, VirtualLab, true_state};
 use mavsight_pipeline::{Cause, Finding, PipelineError};
-use mavsight_pose::MotionSample;
+use mavsight_pose::{MotionSample, NORMAL_95};
 use mavsight_random::Random;
 use mavsight_simulator::FlightState;
 use serde::Serialize;
@@ -292,7 +292,7 @@ mod tests {
         let campaign = FaultCampaign::new(1, 2000, None);
         let flown: std::collections::BTreeSet<Vec<Fault>> = (0..210).map(|k| campaign.faults(k)).collect();
         assert_eq!(flown.len(), 1 + 15 + 15 * 14 / 2);
-        assert!(FaultCampaign::new(1, 9, Some(Fault::LookAlike)).faults(7) == [Fault::LookAlike]);
+        assert!(FaultCampaign::new(1, 9, Some(Fault::Decoy)).faults(7) == [Fault::Decoy]);
     }
 
     #[test]

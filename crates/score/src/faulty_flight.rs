@@ -24,7 +24,7 @@ pub(crate) struct FaultyFlight {
 const MOST_MISSED: usize = 5;
 
 /// A ball that is not a marker has a number from here on.
-const LOOK_ALIKE: u32 = 10_000;
+const DECOY: u32 = 10_000;
 
 impl VirtualLab {
     /// A flight as in [`VirtualLab::fly`] from detections without identity, with faults.
@@ -135,18 +135,13 @@ impl VirtualLab {
                 hidden(injection, cameras, self.vehicle.marker.len());
             }
             Fault::ColorsExchanged => exchanged(injection, cameras, self.vehicle.marker.len()),
-            Fault::LookAlike => self.look_alike(injection, truth, cameras),
+            Fault::Decoy => self.decoy(injection, truth, cameras),
             Fault::NotANumber => not_numbers(injection, &mut cameras[own]),
         }
     }
 
     /// A ball that is carried past the aircraft, as all cameras see it.
-    fn look_alike(
-        &self,
-        injection: &mut Injection,
-        truth: &[FlightState],
-        cameras: &mut [Vec<DetectedFrame>],
-    ) {
+    fn decoy(&self, injection: &mut Injection, truth: &[FlightState], cameras: &mut [Vec<DetectedFrame>]) {
         let markers = self.vehicle.marker.len();
         let color = ((injection.random.uniform() * markers as f64) as usize).min(markers - 1);
         let diameter_m = self.vehicle.marker[color].diameter_m;
@@ -171,7 +166,7 @@ impl VirtualLab {
                 frame.seen.push(TrackedDetection {
                     t_ns: frame.stamp_ns,
                     camera,
-                    track_id: LOOK_ALIKE,
+                    track_id: DECOY,
                     color,
                     pixel: seen.pixel + noise,
                     covariance_px2: Matrix2::identity() * std_px * std_px,

@@ -67,7 +67,7 @@ pub struct MotionErrors {
 /// Error of one parameter.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ParameterError {
-    /// `ols`, `tls`, `oe` or `image`.
+    /// `ols`, `tls`, `oe`, `fe` or `image`.
     pub estimator: &'static str,
     /// Such as `C_m,alpha_u`.
     pub name: String,
@@ -173,15 +173,17 @@ pub fn score_poses(poses: &[PoseSample], truth: &[FlightState]) -> Option<PoseEr
 /// Errors of smoothed motion; `None` where no instant has a truth.
 pub fn score_motion(motion: &Motion, truth: &[FlightState]) -> Option<MotionErrors> {
     let pose = pose_errors(motion.samples.iter().map(|s| (s.t_ns, &s.world_from_body)), truth)?;
-    let (mut velocity, mut rates) = ([0.0; 3], [0.0; 3]);
+    let (mut count, mut velocity, mut rates) = (0, [0.0; 3], [0.0; 3]);
     for s in &motion.samples {
-        let Some(row) = truth_at(truth, s.t_ns as f64 * 1e-9) else { continue };
+        let t_s = s.t_ns as f64 * 1e-9;
+        let at_row = truth_at(truth, t_s).cloned();
+        let Some(row) = at_row.or_else(|| true_state(truth, t_s)) else { continue };
+        count += 1;
         for k in 0..3 {
             velocity[k] += (1e3 * (s.velocity_in_body_m_s[k] - row.velocity_in_body_m_s[k])).powi(2);
             rates[k] += (s.rates_rad_s[k] - row.rates_rad_s[k]).to_degrees().powi(2);
         }
     }
-    let count = pose.compared;
     Some(MotionErrors {
         pose,
         velocity_rms_mm_s: velocity.map(|s| rms(s, count)),
@@ -243,7 +245,8 @@ pub fn score_cameras(rig: &Rig, centres_in_world_m: &[(String, Vector3<f64>)]) -
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mavsight_geometry::world_from_body;
+    use mavsight_geometry::{Matrix6, world_from_body};
+    use mavsight_pose::{PoseEstimate, smooth};
 
     #[test]
     fn a_known_error_is_reported_as_such() {
@@ -260,10 +263,7 @@ mod tests {
                 let turned = EulerAngles { psi_rad: -3.0, theta_rad: 0.01, ..Default::default() };
                 PoseSample {
                     t_ns: k * 100_000_000,
-                    estimate: Ok(mavsight_pose::PoseEstimate::new(
-                        world_from_body(off, turned),
-                        &mavsight_geometry::Matrix6::identity(),
-                    )),
+                    estimate: Ok(PoseEstimate::new(world_from_body(off, turned), &Matrix6::identity())),
                 }
             })
             .collect();
@@ -274,5 +274,33 @@ mod tests {
         let across = (std::f64::consts::TAU - 6.0).to_degrees();
         assert!((errors.attitude_rms_deg[2] - across).abs() < 1e-9, "yaw is compared across the half turn");
         assert_eq!(score_poses(&poses, &[]), None);
+    }
+
+    /// Instants between rows had no truth for velocity and rates, and counted as exact.
+    #[test]
+    fn velocity_and_rates_between_rows_are_compared_too() {
+        let rates_rad_s = Vector3::new(0.0, 0.0, 0.5);
+        let row = |k: i32| {
+            let t_s = 0.1 * f64::from(k);
+            let attitude = EulerAngles { psi_rad: 0.5 * t_s, ..Default::default() };
+            FlightState { t_s, attitude, rates_rad_s, ..Default::default() }
+        };
+        let truth: Vec<FlightState> = (0..40).map(row).collect();
+        for between_ns in [0, 40_000_000] {
+            let pose = |k: i64| {
+                let t_ns = k * 100_000_000 + between_ns;
+                let pose = true_pose(&truth, t_ns as f64 * 1e-9).expect("inside");
+                let estimate = Ok(PoseEstimate::new(pose, &(Matrix6::identity() * 1e-8)));
+                PoseSample { t_ns, estimate }
+            };
+            let mut motion = smooth(&(0..39).map(pose).collect::<Vec<_>>(), 9.81).expect("a motion");
+            for sample in &mut motion.samples {
+                sample.velocity_in_body_m_s = Vector3::new(0.002, 0.0, 0.0);
+                sample.rates_rad_s = rates_rad_s + Vector3::new(0.0, 0.01, 0.0);
+            }
+            let errors = score_motion(&motion, &truth).expect("compared");
+            assert!((errors.velocity_rms_mm_s[0] - 2.0).abs() < 1e-6, "{errors:?}");
+            assert!((errors.rates_rms_deg_s[1] - 0.01_f64.to_degrees()).abs() < 1e-6, "{errors:?}");
+        }
     }
 }

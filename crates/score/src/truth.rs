@@ -62,12 +62,20 @@ pub fn read_truth(path: &Path, vehicle: &Vehicle) -> Result<Vec<FlightState>, Se
     let (before, behind) = (table.columns(BEFORE)?, table.columns(BEHIND)?);
     let further: Result<Vec<_>, _> = vehicle.model.states.iter().map(|s| table.column(&s.column)).collect();
     let further = further.unwrap_or_default();
-    let states = table.rows()?.map(|row| {
+    let mut states: Vec<FlightState> = Vec::new();
+    for row in table.rows()? {
         let (first, last) = (row.numbers(before)?, row.numbers(behind)?);
         let further = further.iter().map(|place| row.number(*place)).collect::<Result<_, _>>()?;
-        Ok(state_of(&first, further, &last))
-    });
-    states.collect()
+        let state = state_of(&first, further, &last);
+        if states.last().is_some_and(|last| last.t_s >= state.t_s) {
+            return Err(row.refuse(
+                before[0],
+                "the time does not come after that of the row before: sort the rows by time",
+            ));
+        }
+        states.push(state);
+    }
+    Ok(states)
 }
 
 /// Writes a simulated motion as a truth file: time, position, velocity, attitude and rates, the further

@@ -1,6 +1,10 @@
 //! Times as decimal seconds, digit by digit.
 
-/// Nanoseconds from decimal seconds: a binary number of seconds since 1970 is good to 0.1 µs only.
+/// The latest time that is read, either way, so that the difference of two is one too: 146 years.
+pub(crate) const LATEST_NS: i64 = i64::MAX / 2;
+
+/// Nanoseconds from decimal seconds: a binary number of seconds since 1970 is good to 0.1 µs only. `None` for what is no
+/// number, and beyond 146 years.
 pub(crate) fn ns_from_decimal(text: &str) -> Option<i64> {
     let (sign, digits) = match text.strip_prefix('-') {
         Some(rest) => (-1, rest),
@@ -10,9 +14,12 @@ pub(crate) fn ns_from_decimal(text: &str) -> Option<i64> {
     let is_plain = |t: &str| t.bytes().all(|b| b.is_ascii_digit());
     if is_plain(whole) && is_plain(part) && !(whole.is_empty() && part.is_empty()) {
         let tenths: i128 = format!("{whole}{part:0<10.10}").parse().ok()?;
-        return Some(sign * i64::try_from((tenths + 5) / 10).ok()?);
+        return i64::try_from((tenths + 5) / 10)
+            .ok()
+            .filter(|t_ns| *t_ns <= LATEST_NS)
+            .map(|t_ns| sign * t_ns);
     }
-    let t_s = digits.parse::<f64>().ok().filter(|t_s| (0.0..9e9).contains(t_s))?;
+    let t_s = digits.parse::<f64>().ok().filter(|t_s| (0.0..crate::s_from_ns(LATEST_NS)).contains(t_s))?;
     Some(sign * crate::ns_from_s(t_s))
 }
 
@@ -33,7 +40,7 @@ mod tests {
         }
         assert_eq!(ns_from_decimal("1.5e-3"), Some(1_500_000));
         assert_eq!(ns_from_decimal(".0000000015"), Some(2));
-        for text in ["", ".", "x", "1e30", "nan", "99999999999999"] {
+        for text in ["", ".", "x", "1e30", "nan", "99999999999999", "-9100000000.0", "5e9"] {
             assert_eq!(ns_from_decimal(text), None, "{text}");
         }
     }

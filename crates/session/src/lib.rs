@@ -39,6 +39,9 @@ pub use video::{
     FrameSource, LiveVideo, VideoWriter, Y4mWriter, ffmpeg_program, find_clap, read_image, write_png,
 };
 
+/// Frames or rows a second that a recording may have.
+pub const RATES_HZ: std::ops::Range<f64> = 0.01..1e5;
+
 /// Seconds as the nearest nanoseconds.
 pub fn ns_from_s(t_s: f64) -> i64 {
     (t_s * 1e9).round() as i64

@@ -163,7 +163,7 @@ impl<'a> Row<'a> {
         let t_s = self.number(column)?;
         // Digit by digit: seconds since 1970 have more of them than a double.
         crate::decimal::ns_from_decimal(self.text(column)).ok_or_else(|| {
-            self.refuse(column, format!("{t_s} s is beyond what nanoseconds can count: give seconds"))
+            self.refuse(column, format!("{t_s} s is more than 146 years from zero: give seconds"))
         })
     }
 

@@ -52,8 +52,8 @@ pub enum VisionError {
     },
     /// The range of apparent diameters holds no ball that can be measured.
     #[error(
-        "the expected apparent diameter {smallest_px} to {largest_px} px is not a range of positive numbers that \
-         reaches {needed_px} px: come closer, use a longer lens or larger balls"
+        "the expected apparent diameter {smallest_px:.3} to {largest_px:.3} px is not a range of positive numbers that \
+         reaches {needed_px} px: give all lengths in metres, come closer, or use a longer lens or larger balls"
     )]
     DiameterRange {
         /// Lower end.

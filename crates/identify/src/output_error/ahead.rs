@@ -19,6 +19,8 @@ pub(super) const FILTERED_S: f64 = 2.0;
 /// Poses that a state is filtered from, at least.
 const FEWEST: usize = 10;
 const SAME_TIME_S: f64 = 1e-6;
+/// Horizons over which a prediction may go where poses are missing: beyond, it is one of another time.
+const LONGEST: f64 = 1.5;
 
 /// Errors of a pose, or root mean squares of many.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,6 +40,8 @@ pub struct AheadErrors {
     pub count: usize,
     /// Predictions by the model that ran away: they are in no root mean square.
     pub ran_away: usize,
+    /// Times at which no state was found, as its filter did not converge: nothing was predicted from them.
+    pub not_started: usize,
     /// Of the model with the recorded inputs; none where all predictions ran away.
     pub model: Option<PoseErrors>,
     /// Of holding velocity (in the world) and rates (in the body): without any model.
@@ -47,10 +51,11 @@ pub struct AheadErrors {
 /// Predicts poses a time ahead, from a state at each multiple of it.
 ///
 /// Each state is filtered from the poses of the two seconds up to it, with the fitted parameters and process
-/// noise: nothing after it is known but the inputs. None where the poses are too few for one prediction.
+/// noise: nothing after it is known but the inputs. Predicted is the first pose after the horizon, if it is less than half of
+/// it late. None where the poses are too few for one prediction.
 ///
 /// # Errors
-/// Those of [`super::filter_error`].
+/// Those of [`super::filter_error`] but [`IdentifyError::FitNotConverged`], which is counted, unless no state converges at all.
 pub fn predict_ahead(
     model: &FlightModel,
     fit: &OutputErrorFit,
@@ -64,24 +69,35 @@ pub fn predict_ahead(
     let Some(first_s) = known.first().map(StateMeasurement::t_s) else { return Ok(None) };
     let place = |t_s: f64| known.partition_point(|p| p.t_s() < t_s - SAME_TIME_S);
     let (mut by_model, mut by_holding) = (Vec::new(), Vec::new());
+    let mut not_started = Vec::new();
     for k in 0..known.len() {
         let at_s = first_s + FILTERED_S + k as f64 * horizon_s;
         let (from, to) = (place(at_s - FILTERED_S), place(at_s + SAME_TIME_S * 2.0));
         let Some(measured) = known.get(place(at_s + horizon_s)) else { break };
         let before = &known[from..to];
         let (Some(last), Some((pose, _))) = (before.last(), measured.pose) else { continue };
-        if before.len() < FEWEST {
+        let span = Span { from_s: last.t_s(), to_s: measured.t_s() };
+        if before.len() < FEWEST || span.to_s - span.from_s > LONGEST * horizon_s {
             continue;
         }
-        let span = Span { from_s: last.t_s(), to_s: measured.t_s() };
-        let y = filtered(&fitted, fit, inputs, before)?;
+        let y = match filtered(&fitted, fit, inputs, before) {
+            Err(why @ IdentifyError::FitNotConverged { .. }) => {
+                not_started.push(why);
+                continue;
+            }
+            found => found?,
+        };
         by_model.extend(flown(&fitted, inputs, &y, span).map(|p| PoseErrors::between(&p, &pose)));
         by_holding.push(PoseErrors::between(&held(&y, span), &pose));
     }
-    Ok((!by_holding.is_empty()).then(|| AheadErrors {
+    if by_holding.is_empty() {
+        return not_started.pop().map_or(Ok(None), Err);
+    }
+    Ok(Some(AheadErrors {
         horizon_s,
         count: by_holding.len(),
         ran_away: by_holding.len() - by_model.len(),
+        not_started: not_started.len(),
         model: (!by_model.is_empty()).then(|| PoseErrors::rms(&by_model)),
         held: PoseErrors::rms(&by_holding),
     }))
@@ -120,10 +136,16 @@ fn filtered(
     let roots = fit.process_noise.iter().map(|(_, root)| root);
     let densities = &mut fitter.problem.process_noise.as_mut_slice()[VELOCITY..];
     roots.zip(densities).for_each(|(root, density)| *density = root * root);
-    let factors = fit.variance_factors.iter().map(|(_, factor)| factor);
-    factors.zip(&mut fitter.problem.weights).for_each(|(factor, weight)| *weight = factor.sqrt().recip());
+    // A fit of images says nothing of the poses' own errors, whose standard deviations then stand as they are.
+    for (name, weight) in measurements.channels().iter().zip(&mut fitter.problem.weights) {
+        let own = fit.variance_factors.iter().find(|(channel, _)| channel == name);
+        *weight = own.map_or(1.0, |(_, factor)| factor.sqrt().recip());
+    }
     fitter.stage(false, LONGEST_STEP_S[0])?;
     fitter.converge(TIGHTNESS[3], PROMISE[3]);
+    if !fitter.converged {
+        return Err(fitter.not_converged(TIGHTNESS[3]));
+    }
     Ok(fitter.at.states[fitter.at.states.len() - 1].clone())
 }
 

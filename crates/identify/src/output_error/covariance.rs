@@ -44,13 +44,19 @@ impl Covariance {
     }
 }
 
+/// Autocorrelations in a row that remain small where residuals are uncorrelated (Politis 2003).
+const QUIET: usize = 5;
+
 /// The lag from which residuals are uncorrelated, by the rule of Politis (2003, section 2): twice the lag
 /// after which five autocorrelations in a row remain below 2√(log₁₀ n/n), here of all channels of a series
-/// together; 0 for white ones.
+/// together, and at most a fifth of the instants; 0 for white ones, and where there are too few instants for five.
 pub(crate) fn correlation_lag(linear: &Linear, series: &Range<usize>) -> usize {
     let table = linear.table(series);
     let instants = table.nrows();
     let longest = instants / 5;
+    if longest < QUIET {
+        return 0;
+    }
     let n = linear.places.iter().filter(|place| series.contains(&place.channel)).count() as f64;
     let limit = 2.0 * (n.log10() / n).sqrt();
     let zero = table.norm_squared();
@@ -63,10 +69,10 @@ pub(crate) fn correlation_lag(linear: &Linear, series: &Range<usize>) -> usize {
         (product / zero).abs()
     };
     let mut quiet = 0;
-    for lag in 1..longest {
+    for lag in 1..=longest {
         quiet = if correlation(lag) < limit { quiet + 1 } else { 0 };
-        if quiet == 5 {
-            return (2 * (lag - 5)).min(longest);
+        if quiet == QUIET {
+            return (2 * (lag - QUIET)).min(longest);
         }
     }
     longest

@@ -12,9 +12,8 @@ use crate::IdentifyError;
 use crate::inverse::log_determinant;
 use mavsight_flight::InputSeries;
 use mavsight_geometry::Isometry3;
+use mavsight_pose::NORMAL_95;
 use nalgebra::{DMatrix, DVector, Matrix6xX};
-
-const NORMAL_95: f64 = 1.959_964;
 
 /// What is expected of one parameter.
 #[derive(Debug, Clone, PartialEq)]
@@ -109,12 +108,18 @@ impl ExpectedFit {
     /// estimates by the influence of every row.
     ///
     /// # Errors
-    /// [`IdentifyError::PlannedStates`] for another number of instants, or of directions at some of them.
+    /// [`IdentifyError::PlannedSystematic`] for another number of instants, or of directions at some of them.
     pub fn with_systematic(mut self, systematic: &[Matrix6xX<f32>]) -> Result<Self, IdentifyError> {
         let instants = self.states.len();
         let directions = systematic.first().map_or(0, Matrix6xX::ncols);
         if systematic.len() != instants || systematic.iter().any(|s| s.ncols() != directions) {
-            return Err(IdentifyError::PlannedStates { states: systematic.len(), instants });
+            let most = systematic.iter().map(Matrix6xX::ncols).max().unwrap_or_default();
+            return Err(IdentifyError::PlannedSystematic {
+                found: systematic.len(),
+                instants,
+                directions,
+                most,
+            });
         }
         let mut moved = DMatrix::zeros(self.parameters.len(), directions);
         for (k, (m, s)) in self.measured.iter().zip(systematic).enumerate() {

@@ -263,9 +263,9 @@ pub(super) fn with_clock<T>(
     }
 }
 
-/// The result of a thread; none where there was none.
+/// The result of a thread; none where there was none. Its panic goes on here.
 fn joined<T>(thread: Option<ScopedJoinHandle<'_, T>>) -> Option<T> {
-    thread.and_then(|thread| thread.join().ok())
+    thread.map(|thread| thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
 }
 
 /// What is held out of the fits of a flight, to be predicted by each.
@@ -321,10 +321,18 @@ pub fn fitted_stretch_s(poses: &[PoseSample]) -> Option<(f64, f64)> {
         });
         turns.sum::<f64>()
     };
-    let last = ((end_s - begin_s - LONGEST_S) / (0.25 * LONGEST_S)).floor() as usize;
-    let starts = (0..=last).rev().map(|k| begin_s + 0.25 * LONGEST_S * k as f64);
+    let last = ((end_s - begin_s - LONGEST_S) / (0.25 * LONGEST_S)).floor();
+    // A stretch with any pose begins less than its length before that pose.
+    let mut quarters: Vec<u64> = poses
+        .iter()
+        .map(|p| ((seconds(p.t_ns) - begin_s) / (0.25 * LONGEST_S)).floor().clamp(0.0, last) as u64)
+        .flat_map(|quarter| quarter.saturating_sub(3)..=quarter)
+        .collect();
+    quarters.sort_unstable();
+    quarters.dedup();
+    let all = quarters.into_iter().rev().map(|k| begin_s + 0.25 * LONGEST_S * k as f64);
     // Of equal ones the first.
-    let best_s = starts.max_by(|a, b| turned(*a).total_cmp(&turned(*b)))?;
+    let (best_s, _) = all.map(|from_s| (from_s, turned(from_s))).max_by(|a, b| a.1.total_cmp(&b.1))?;
     Some((best_s, best_s + LONGEST_S))
 }
 
@@ -376,6 +384,10 @@ mod tests {
     fn a_short_flight_and_one_without_poses_are_whole() {
         assert_eq!(fitted_stretch_s(&poses(600, f64::sin)), None);
         assert_eq!(fitted_stretch_s(&[]), None);
+        // A last time stamp that is none takes no longer than any other.
+        let mut late = poses(1200, f64::sin);
+        late.last_mut().expect("a pose").t_ns = i64::MAX;
+        assert!(fitted_stretch_s(&late).is_some_and(|(from_s, _)| from_s < 60.0));
         // What stands still says nothing: the first minute.
         assert_eq!(fitted_stretch_s(&poses(6001, |_| 0.0)), Some((0.0, LONGEST_S)));
         assert_eq!(within(&[1, 2, 3], None, |t| *t).len(), 3);

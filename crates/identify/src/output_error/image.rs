@@ -1,9 +1,9 @@
 //! Reprojection of markers, and what is not quite known of cameras and markers.
 
-use super::row::{Row, pose_of, whitener};
+use super::row::{Row, pose_of};
 use crate::IdentifyError;
 use mavsight_geometry::camera::d_pixel_d_pose;
-use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Isometry3, Vector2, Vector3};
+use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Isometry3, Vector2, Vector3, whitener};
 use mavsight_pose::{BodyMarker, MarkerObservation, PoseEstimator, Rig};
 use nalgebra::{DMatrix, Matrix2, Point3};
 

@@ -86,7 +86,7 @@ impl FlightModel {
     /// Sets the value that a fit starts from, or holds where the parameter is fixed.
     ///
     /// # Errors
-    /// [`IdentifyError::UnknownParameter`], [`IdentifyError::BadSetting`] for a number that is not finite
+    /// [`IdentifyError::UnknownParameter`], [`IdentifyError::BadParameter`] for a number that is not finite
     /// or outside the bounds of the model's file.
     pub fn with_value(mut self, name: &str, value: f64) -> Result<Self, IdentifyError> {
         let parameter = self.parameter(name)?;

@@ -26,8 +26,8 @@ pub struct FittedParameter {
     /// 95 % interval, to.
     pub ci_high: f64,
     /// Whether half the interval is less than the value itself, the value that the fit started from, or an
-    /// effect of one hundredth of the weight (over the rotor's radius; per m/s, per 10 rad/s), whichever is
-    /// the largest; not where a bound has stopped the parameter, nor where filter error contradicts the fit.
+    /// effect of one hundredth of the weight (over three radii of gyration for a moment; per m/s, per 10 rad/s),
+    /// whichever is the largest; not where a bound has stopped the parameter, nor where filter error contradicts the fit.
     pub identifiable: bool,
 }
 

@@ -25,7 +25,7 @@ pub(crate) struct Live {
     /// As fast as it goes, nothing dropped; with --replay or --virtual
     #[arg(long)]
     pub(crate) fast: bool,
-    /// Length of the flight
+    /// Length of the flight; until Ctrl-C, or the end of its recordings, where left out
     #[arg(long = "for", value_name = "SECONDS", allow_negative_numbers = true)]
     pub(crate) seconds: Option<f64>,
     /// Events as JSON on standard output, one a line

@@ -30,7 +30,7 @@ pub(crate) struct Campaign {
     pub(crate) out: PathBuf,
     /// Threads; all cores where left out
     #[arg(long, value_name = "N")]
-    pub(crate) threads: Option<usize>,
+    pub(crate) threads: Option<u16>,
 }
 
 /// `plan`

@@ -15,7 +15,7 @@ use std::time::Instant;
 
 pub(crate) fn campaign(args: &Args) -> Result<()> {
     if let Some(threads) = args.threads {
-        rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()?;
+        rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global()?;
     }
     let Some(file) = &args.campaign else { return faults::campaign(args) };
     let campaign = Campaign::load(file).map_err(|e| match e {

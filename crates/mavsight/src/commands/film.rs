@@ -11,9 +11,9 @@ use mavsight_pipeline::{ControlPointRow, Progress};
 use mavsight_scene::Aircraft;
 use mavsight_score::{VISIBILITY, VirtualCamera, read_truth, write_visibility};
 use mavsight_session::{
-    ControlSection, LineTime, SESSION_SCHEMA, SessionCamera, SessionFile, load_vehicle, make_folder,
-    read_toml, tables::read_control_points, tables::read_inputs, write_control_points, write_png, write_toml,
-    write_vehicle, write_whole,
+    ControlSection, LineTime, RATES_HZ, SESSION_SCHEMA, SessionCamera, SessionFile, load_vehicle,
+    make_folder, read_toml, tables::read_control_points, tables::read_inputs, write_control_points,
+    write_png, write_toml, write_vehicle, write_whole,
 };
 use mavsight_simulator::{FlightState, Scenario, Staging};
 use mavsight_vision::Frame;
@@ -60,6 +60,9 @@ struct FilmCamera {
     line_time_s: f64,
 }
 
+/// The latest that a camera may begin, either way: an hour.
+const LATEST_S: f64 = 3600.0;
+
 fn middle() -> [f64; 3] {
     [0.0, 0.0, 1.5]
 }
@@ -81,11 +84,23 @@ impl FilmCamera {
             return Err(wrong("its numbers must be finite, and fast_ppm below 100000".into()).into());
         }
         let [width_px, height_px] = self.size_px;
-        if !(1.0..179.0).contains(&self.field_of_view_deg) || width_px < 16 || height_px < 16 {
-            return Err(wrong("field_of_view_deg must be 1 to 179, size_px at least 16 by 16".into()).into());
+        let is_size = |side_px: u32| (16..=8192).contains(&side_px);
+        if !(1.0..179.0).contains(&self.field_of_view_deg) || !is_size(width_px) || !is_size(height_px) {
+            let what = format!(
+                "field_of_view_deg must be 1 to 179 ({} is given), size_px 16 to 8192 ({width_px} by {height_px} is given)",
+                self.field_of_view_deg
+            );
+            return Err(wrong(what).into());
         }
-        if self.frame_rate_hz.is_some_and(|r| !(r.is_finite() && r > 0.0)) {
-            return Err(wrong("frame_rate_hz must be above 0".into()).into());
+        if let Some(rate_hz) = self.frame_rate_hz.filter(|rate_hz| !RATES_HZ.contains(rate_hz)) {
+            return Err(wrong(format!("frame_rate_hz must be 0.01 to 100000, and is {rate_hz}")).into());
+        }
+        if self.late_s.abs() > LATEST_S {
+            return Err(wrong(format!(
+                "late_s must be at most {LATEST_S} either way, and is {}",
+                self.late_s
+            ))
+            .into());
         }
         let size = ImageSize { width_px, height_px };
         let lens = Intrinsics::from_horizontal_fov(size, self.field_of_view_deg.to_radians());

@@ -3,7 +3,7 @@
 use super::live_links::add_links;
 use crate::cli::Live;
 use crate::out::out;
-use anyhow::Result;
+use anyhow::{Context, Result};
 use mavsight_link::{CameraState, Event, Tracking};
 use mavsight_live::{FlightSummary, Latencies, Listener, Recorder, Setup, fly};
 use mavsight_pipeline::ControlPointRow;
@@ -14,6 +14,9 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
+
+/// Exit status of a program that Ctrl-C has ended: 128 and the number of the signal.
+const INTERRUPTED: i32 = 130;
 
 pub(super) type Begin = Box<dyn Fn(&Path) -> Result<Recorder> + Send>;
 
@@ -38,8 +41,20 @@ pub(super) fn fly_with(
     #[cfg(not(feature = "page"))]
     drop((points, begin));
     let rig = setup.rig;
+    end_at_interrupt(&setup.stop)?;
     let flown = fly(setup)?;
     finish(args, rig, &flown)
+}
+
+/// Ctrl-C ends the flight as its time does: with recording, results and figures. A second one ends the program at once.
+fn end_at_interrupt(stop: &Arc<AtomicBool>) -> Result<()> {
+    let stop = Arc::clone(stop);
+    let handler = move || {
+        if stop.swap(true, Ordering::Relaxed) {
+            std::process::exit(INTERRUPTED);
+        }
+    };
+    ctrlc::set_handler(handler).context("Ctrl-C cannot be handled")
 }
 
 struct Lines {
@@ -163,4 +178,21 @@ fn finish(args: &Live, rig: &Rig, flown: &FlightSummary) -> Result<()> {
         anyhow::bail!("none of {} instants has a pose", flown.instants);
     }
     Ok(())
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+
+    /// A flight without `--for` ended without figures, and without the last frames of its recording.
+    #[test]
+    fn ctrl_c_ends_the_flight_and_not_the_program() {
+        let stop = Arc::new(AtomicBool::new(false));
+        end_at_interrupt(&stop).unwrap();
+        let id = std::process::id().to_string();
+        assert!(std::process::Command::new("kill").args(["-INT", &id]).status().unwrap().success());
+        while !stop.load(Ordering::Relaxed) {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
 }

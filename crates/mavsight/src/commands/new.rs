@@ -136,7 +136,7 @@ fn answers(args: &New, cameras: Vec<Camera>, asker: &mut Asker) -> Result<Option
     let firsts: Vec<Frame> = cameras.iter().map(|c| c.look.first.clone()).collect();
     let names: Vec<&str> = markers.iter().map(|m| m.name.as_str()).collect();
     let words: Vec<Color> = markers.iter().map(|m| m.color).collect();
-    let colors = from_pictures(&firsts, &names, &words, &is_picked);
+    let colors = from_pictures("marker", &firsts, &names, &words, &is_picked);
     markers.iter_mut().zip(colors).for_each(|(marker, color)| marker.color = color);
     let question = Question { flag: "--inputs", text: "Table of the recorded inputs", default: Some("none") };
     let inputs = asker.ask(args.inputs.as_deref(), &question, read::file_or_none)?;
@@ -172,15 +172,20 @@ fn control(args: &New, cameras: &[Camera], asker: &mut Asker) -> Result<Option<S
     if let Some(path) = &args.distances {
         table = named(DistanceTable::read(path, 1e-3 * std_mm))?;
     } else {
-        let text = "Distances between the control balls, one a line: from, to, metres (red green 3.002); heights as red \
-                    floor 0.031; plumb lines as violet yellow plumb. The first three balls counter-clockwise seen from \
-                    above";
+        let text = "Distances between the control balls: the path of a table of them (print/distances.csv), or one a \
+                    line: from, to, metres (red green 3.002); heights as red floor 0.031; plumb lines as violet yellow \
+                    plumb. The first three balls counter-clockwise seen from above";
         let question = Question { flag: "--distances", text, default: None };
         let given = std::mem::take(&mut rows);
         asker.ask_lines(&given, &question, |line| match read::parts(line)[..] {
             [from, to, distance] => table.add([from, to, distance], 1e-3 * std_mm),
             [from, to, distance, std_mm] => table.add([from, to, distance], 1e-3 * read::above_zero(std_mm)?),
-            _ => Err("write a distance as red,green,3.002".to_owned()),
+            _ if Path::new(line.trim()).is_file() => {
+                table =
+                    DistanceTable::read(Path::new(line.trim()), 1e-3 * std_mm).map_err(|e| e.to_string())?;
+                Ok(())
+            }
+            _ => Err("write a distance as red,green,3.002, or the path of a table that is there".to_owned()),
         })?;
     }
     if table.names.is_empty() && asker.is_asking() {
@@ -230,11 +235,17 @@ fn control_colors(args: &New, cameras: &[Camera], asker: &mut Asker, names: &[St
     let stills: Vec<Frame> =
         cameras.iter().filter_map(|c| c.still.as_ref()).filter_map(|path| read_image(path).ok()).collect();
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
-    Ok(from_pictures(&stills, &names, &words, &is_picked))
+    Ok(from_pictures("control ball", &stills, &names, &words, &is_picked))
 }
 
 /// Colours that were not picked, as pictures have them where they show balls that may be called so.
-fn from_pictures(pictures: &[Frame], names: &[&str], words: &[Color], is_picked: &[bool]) -> Vec<Color> {
+fn from_pictures(
+    what: &str,
+    pictures: &[Frame],
+    names: &[&str],
+    words: &[Color],
+    is_picked: &[bool],
+) -> Vec<Color> {
     if is_picked.iter().all(|picked| *picked) {
         return words.to_vec();
     }
@@ -243,10 +254,12 @@ fn from_pictures(pictures: &[Frame], names: &[&str], words: &[Color], is_picked:
     for (k, own) in colors.iter_mut().enumerate().filter(|(k, _)| !is_picked[*k]) {
         match proposed[k] {
             Some(color) => {
-                eprintln!("{}: {color}, as the pictures have it", names[k]);
+                eprintln!("{what} {}: {color}, as the pictures have it", names[k]);
                 *own = color;
             }
-            None => eprintln!("{}: {own}, as it is called: no picture has a ball of that colour", names[k]),
+            None => {
+                eprintln!("{what} {}: {own}, as it is called: no picture has a ball of that colour", names[k])
+            }
         }
     }
     colors

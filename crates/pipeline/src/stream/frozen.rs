@@ -90,7 +90,7 @@ impl Stream {
             }
             let (first_px, first_ns) = *first.get_or_insert((px, t_ns));
             // What leaps once was pushed itself.
-            if is_far(px - first_px, 2.0 * variance_px2) {
+            if is_far(px - first_px, variance_px2) {
                 let is_long = t_ns - first_ns >= LONGEST_APART_NS;
                 found = Some(Movement { camera: self.camera, by_px: px.norm(), t_ns, is_long });
                 if is_long {

@@ -36,7 +36,7 @@ pub struct BallPlaces {
 pub struct Displacement {
     /// In the mean.
     pub mean_px: Vector2<f64>,
-    /// Variance of the mean, both coordinates together.
+    /// Variance of a coordinate of the mean: the noise of both places.
     pub variance_px2: f64,
     /// The mean square in parts of what noise alone makes of it.
     of_noise: f64,
@@ -162,7 +162,7 @@ impl Associator {
                 Some(by) if by.is_still() || own.is_stale && by.of_noise <= SOME_NOISE => own.images += 1,
                 None if own.is_repeated() && own.began.are_where_they_were(camera, frame.seen) => continue,
                 by => {
-                    own.begin(frame, by.is_some_and(|by| is_far(by.mean_px, 2.0 * scale * by.variance_px2)));
+                    own.begin(frame, by.is_some_and(|by| is_far(by.mean_px, scale * by.variance_px2)));
                     continue;
                 }
             }
@@ -180,7 +180,7 @@ impl Associator {
                 let own = &mut self.watch.repeated[camera];
                 let t_ns = frame.t_ns;
                 let (first, first_px, first_ns) = *own.first.get_or_insert((other, seen.mean_px, t_ns));
-                if first != other || !is_far(seen.mean_px - first_px, 2.0 * variance_px2) {
+                if first != other || !is_far(seen.mean_px - first_px, variance_px2) {
                     continue;
                 }
                 own.is_stale = true;

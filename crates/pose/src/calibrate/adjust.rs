@@ -12,7 +12,7 @@ use nalgebra::DMatrix;
 /// factor of about two (mean of a scaled inverse chi-square, Gelman et al. 2013, section 2.6).
 const PRIOR_FREEDOM: f64 = 2.0;
 /// Spread of the image of a point that is not what it is taken for, of the width.
-const STRAY_STD: f64 = 0.05;
+const OUTLIER_STD: f64 = 0.05;
 /// Levenberg-Marquardt steps, and rounds of it with a new variance factor.
 const MAX_STEPS: usize = 60;
 const ROUNDS: usize = 4;
@@ -88,7 +88,7 @@ impl Adjustment<'_> {
                 - (free - equations.determined_by_priors(&covariance)),
             covariance,
             layout: self.layout.clone(),
-            log_evidence: equations.log_prior_weight() + self.log_density_of_strays() - 0.5 * deviance,
+            log_evidence: equations.log_prior_weight() + self.log_density_of_outliers() - 0.5 * deviance,
         })
     }
 
@@ -118,12 +118,12 @@ impl Adjustment<'_> {
         Some(now)
     }
 
-    fn log_density_of_strays(&self) -> f64 {
+    fn log_density_of_outliers(&self) -> f64 {
         let Data { problem, choice } = self.data;
         let unused = problem.observations.iter().zip(&choice.used).filter(|(_, used)| !**used);
         let log_density = |(o, _): (&PointObservation, _)| {
-            let stray_px = STRAY_STD * f64::from(problem.sizes[o.camera].width_px);
-            0.5 * o.covariance_px2.determinant().ln() - 2.0 * stray_px.ln()
+            let outlier_px = OUTLIER_STD * f64::from(problem.sizes[o.camera].width_px);
+            0.5 * o.covariance_px2.determinant().ln() - 2.0 * outlier_px.ln()
         };
         unused.map(log_density).sum()
     }

@@ -52,7 +52,7 @@ pub(super) fn with_objects(
     };
     problem.moved = objects.iter().map(|o| o.placed(&cameras)).collect();
     problem.start = Some(cameras);
-    let Adjusted { problem, fit } = without_strays(problem)?;
+    let Adjusted { problem, fit } = without_outliers(problem)?;
     // First, so that a bad object does not make the control points suspect.
     refuse(&problem, &fit)?;
     let problem = Problem { start: Some(fit.state.cameras), ..problem };
@@ -110,7 +110,7 @@ fn from_objects(problem: &Problem, objects: &[Moved]) -> Result<Adjusted, PoseEr
             start: Some(cameras),
             ..problem.clone()
         };
-        let Ok(found) = without_strays(alone) else { continue };
+        let Ok(found) = without_outliers(alone) else { continue };
         // Per coordinate: starts differ in the places that they keep.
         if best.as_ref().is_none_or(|b: &Adjusted| b.fit.variance_factor > found.fit.variance_factor) {
             best = Some(found);
@@ -128,7 +128,7 @@ fn chosen_of(Adjusted { problem, fit }: Adjusted) -> Result<(Problem, Cleaned), 
 }
 
 /// An adjustment of the least model, then of a bent lens, without observations that disagree beyond chance.
-fn without_strays(mut problem: Problem) -> Result<Adjusted, PoseError> {
+fn without_outliers(mut problem: Problem) -> Result<Adjusted, PoseError> {
     let (choice, n) = (problem.all(), problem.sizes.len());
     let start = problem.start.clone().unwrap_or_default();
     let bent = CameraModel { lens: Lens::K1K2, ..CameraModel::PINHOLE };
@@ -138,7 +138,7 @@ fn without_strays(mut problem: Problem) -> Result<Adjusted, PoseError> {
         let wide = adjust(problem.with(&choice), &vec![bent; n], near);
         fit = most_probable(fit.into_iter().chain(wide));
         let Some(now) = &fit else { break };
-        if drop_strays(&mut problem, now) == 0 {
+        if drop_outliers(&mut problem, now) == 0 {
             break;
         }
         fit = adjust(problem.with(&choice), &now.models, &now.state.cameras);
@@ -148,7 +148,7 @@ fn without_strays(mut problem: Problem) -> Result<Adjusted, PoseError> {
 }
 
 /// Drops observations that are far off and places without redundancy; the number of dropped observations.
-fn drop_strays(problem: &mut Problem, fit: &Fit) -> usize {
+fn drop_outliers(problem: &mut Problem, fit: &Fit) -> usize {
     let mut dropped = 0;
     for (k, object) in problem.moved.iter_mut().enumerate() {
         let shared = object.adjusted(&fit.state, k);

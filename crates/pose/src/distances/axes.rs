@@ -1,19 +1,19 @@
 //! The axes of a network, put through its first points.
 
+use super::refusal::DistanceRefusal;
 use super::solve::Solved;
 use super::{MeasuredBetween, NetworkMeasurement, PointNetwork};
-use crate::PoseError;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
 /// Part of a distance below which a point counts as on the line or in the plane of others.
 const BESIDE: f64 = 1e-3;
 
 /// Puts the axes: a turn, a mirror where the third point demands one, and a shift.
-pub(super) fn put(solved: Solved, measured: &[NetworkMeasurement]) -> Result<PointNetwork, PoseError> {
+pub(super) fn put(solved: Solved, measured: &[NetworkMeasurement]) -> Result<PointNetwork, DistanceRefusal> {
     let has_height = measured.iter().any(|m| matches!(m.between, MeasuredBetween::Height(_)));
     let has_up = has_height || measured.iter().any(|m| matches!(m.between, MeasuredBetween::Plumb(..)));
     let points = &solved.points_m;
-    let loose = || PoseError::LooseNetwork { loose: "points in one line".into(), more: 1 };
+    let loose = || DistanceRefusal::Loose { loose: "points in one line".into(), more: 1 };
     let turn = if has_up {
         about_the_vertical(points).ok_or_else(loose)?
     } else {

@@ -1,7 +1,7 @@
 //! The adjustment of a network.
 
+use super::refusal::DistanceRefusal;
 use super::{MeasuredBetween, NetworkMeasurement, points_of};
-use crate::PoseError;
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix3, Matrix4, UnitQuaternion, Vector2, Vector3, Vector4};
 
 /// An adjusted network, its axes wherever the start had them.
@@ -72,12 +72,12 @@ fn equations(points_m: &[Vector3<f64>], measured: &[NetworkMeasurement]) -> (DVe
 }
 
 /// Adjusts a network.
-pub(super) fn solve(names: &[String], measured: &[NetworkMeasurement]) -> Result<Solved, PoseError> {
+pub(super) fn solve(names: &[String], measured: &[NetworkMeasurement]) -> Result<Solved, DistanceRefusal> {
     let is_measured = |k: &usize| measured.iter().any(|m| points_of(m.between).contains(&Some(*k)));
     let lonely: Vec<&str> = (0..names.len()).filter(|k| !is_measured(k)).map(|k| names[k].as_str()).collect();
     if !lonely.is_empty() || names.len() < 4 {
         let loose = if names.len() < 4 { "fewer than four points".to_owned() } else { lonely.join(", ") };
-        return Err(PoseError::LooseNetwork { loose, more: 1 });
+        return Err(DistanceRefusal::Loose { loose, more: 1 });
     }
     let first = start(names.len(), measured);
     let (extent_m, ups) = (spread_m(&first), directions_of_up(&first, measured));
@@ -127,7 +127,7 @@ fn refuse_flat(
     points_m: &[Vector3<f64>],
     covariance_m2: &DMatrix<f64>,
     measured: &[NetworkMeasurement],
-) -> Result<(), PoseError> {
+) -> Result<(), DistanceRefusal> {
     let count = points_m.len().max(1) as f64;
     let middle = points_m.iter().sum::<Vector3<f64>>() / count;
     let spread: Matrix3<f64> = points_m.iter().map(|p| (p - middle) * (p - middle).transpose()).sum();
@@ -141,20 +141,20 @@ fn refuse_flat(
     let tape_std_m = measured.iter().filter(is_distance).map(|m| m.std_m).fold(f64::INFINITY, f64::min);
     let bends = std_m * std_m > FREE * spread_m(points_m) * tape_std_m;
     if bends && std_m > FREE * thickness_m {
-        return Err(PoseError::FlatNetwork { thickness_m, std_m, tape_std_m });
+        return Err(DistanceRefusal::Flat { thickness_m, std_m, tape_std_m });
     }
     Ok(())
 }
 
 /// The points that can move: those of the largest parts in what is free beyond shifts and turns of the whole.
-fn loose(names: &[String], free: &[usize], open: usize, vectors: &DMatrix<f64>) -> PoseError {
+fn loose(names: &[String], free: &[usize], open: usize, vectors: &DMatrix<f64>) -> DistanceRefusal {
     let of_point =
         |k: usize| -> f64 { free.iter().map(|v| vectors.fixed_view::<3, 1>(3 * k, *v).norm_squared()).sum() };
     // Shifts and turns of the whole are spread over all points.
     let mut order: Vec<usize> = (0..names.len()).collect();
     order.sort_by(|a, b| of_point(*b).total_cmp(&of_point(*a)));
     let loose: Vec<&str> = order.iter().take(3).map(|k| names[*k].as_str()).collect();
-    PoseError::LooseNetwork { loose: loose.join(", "), more: free.len() - open }
+    DistanceRefusal::Loose { loose: loose.join(", "), more: free.len() - open }
 }
 
 /// How many shifts and turns of the whole change no measurement: two shifts and the turn about the vertical always,

@@ -125,7 +125,7 @@ fn a_wrong_distance_is_named_and_left_out() {
     // Two that are wrong are no single one's fault.
     measured[3].value_m += 0.1;
     let refused = points_from_distances(&names(), &measured).unwrap_err();
-    assert!(matches!(refused, PoseError::NetworkDisagrees { .. }), "{refused}");
+    assert!(matches!(refused, DistanceRefusal::Contradictory { .. }), "{refused}");
 }
 
 #[test]
@@ -135,10 +135,10 @@ fn a_network_that_can_move_is_refused() {
     // 17 distances hold 24 coordinates less 6 at most but for one.
     let few: Vec<_> = distances(&truth, || 0.0).into_iter().take(17).collect();
     let refused = points_from_distances(&names(), &few).unwrap_err();
-    assert!(matches!(refused, PoseError::LooseNetwork { .. }), "{refused}");
+    assert!(matches!(refused, DistanceRefusal::Loose { .. }), "{refused}");
     let mut bad = distances(&truth, || 0.0);
     bad[4].value_m = f64::NAN;
-    assert!(matches!(points_from_distances(&names(), &bad), Err(PoseError::BadDistance { .. })));
+    assert!(matches!(points_from_distances(&names(), &bad), Err(DistanceRefusal::Bad { .. })));
     bad[4] = bad[3];
     assert!(points_from_distances(&names(), &bad).unwrap_err().to_string().contains("twice"));
 }
@@ -156,7 +156,7 @@ fn a_flat_network_is_refused() {
         let mut measured = distances(&flat, || random.normal());
         let refused = points_from_distances(&names(), &measured).unwrap_err();
         assert!(
-            matches!(refused, PoseError::LooseNetwork { .. } | PoseError::FlatNetwork { .. }),
+            matches!(refused, DistanceRefusal::Loose { .. } | DistanceRefusal::Flat { .. }),
             "{seed}: {refused}"
         );
         // Heights of all of them hold them.

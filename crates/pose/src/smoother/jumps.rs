@@ -79,6 +79,10 @@ fn shocks(
             energies[instant] = later.energy(dt_s, noise);
         }
         let Some((number, interval)) = intervals.next_if(|i| i.1[1].0 == instant) else { return };
+        // A rate at the very time of a pose has no interval before it.
+        if interval[1].1 <= interval[0].1 {
+            return;
+        }
         let of_coordinate = |coordinate: u8| {
             let (size, square) = later.shock(coordinate.into(), length_s(interval))?;
             Some(Shock { interval: number as u32, coordinate, size: size as f32, square: square as f32 })

@@ -21,6 +21,7 @@ const LEAST_FACTOR: f64 = 1e-4;
 /// Twice the log likelihood that two more parameters must gain: the 99.9 % quantile of chi-square.
 const TWO_MORE: f64 = 13.816;
 
+/// Standard deviations that a standard normal variable exceeds by chance once in a thousand times.
 const SIGNIFICANT: f64 = 3.09;
 
 /// Noise and the bandwidths that it implies, in Hz: of position, of attitude.

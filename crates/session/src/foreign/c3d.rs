@@ -111,15 +111,16 @@ fn layout(
     let checks = [
         (points >= 1.0, "POINT:USED", "the file has no points: export marker trajectories".to_owned()),
         (
-            rate_hz.is_finite() && rate_hz > 0.0,
+            crate::RATES_HZ.contains(&rate_hz),
             "POINT:RATE",
-            format!("{rate_hz} Hz: a rate above zero is wanted"),
+            format!("{rate_hz} Hz: a rate of 0.01 to 100000 is wanted"),
         ),
         (
             scale.is_finite() && scale != 0.0,
             "POINT:SCALE",
             format!("{scale}: a number other than zero is wanted"),
         ),
+        ((0.0..1e9).contains(&first), "first frame", format!("{first}: the header is damaged")),
         ((1.0..1e9).contains(&frames), "frames", format!("from {first} to {last}: the header is damaged")),
         (data_block >= 2.0, "POINT:DATA_START", format!("block {data_block}: the header is damaged")),
     ];

@@ -56,8 +56,8 @@ fn is_sparse(path: &Path) -> bool {
 
 /// Reads a table of so many rows a second.
 fn matrix(path: &Path, role: &str, rate_hz: f64) -> Result<Matrix, SessionError> {
-    if !(rate_hz.is_finite() && rate_hz > 0.0) {
-        let detail = format!("{rate_hz} Hz: give the frames a second as --rate");
+    if !crate::RATES_HZ.contains(&rate_hz) {
+        let detail = format!("{rate_hz} Hz: give the frames a second, 0.01 to 100000, as --rate");
         return Err(SessionError::value(path, "rate", detail));
     }
     if is_sparse(path) { sparse(&Text::read(path, role)?) } else { dense(&Table::read(path, role)?) }

@@ -2,7 +2,7 @@
 
 use super::frames::AxesOf;
 use super::text::Text;
-use crate::decimal::{decimal_from_ns, ns_from_decimal};
+use crate::decimal::{LATEST_NS, decimal_from_ns, ns_from_decimal};
 use crate::results::{columns, read_poses};
 use crate::{SessionError, write_csv, write_whole};
 use mavsight_geometry::{EulerAngles, Isometry3, UnitQuaternion, Vector3};
@@ -84,7 +84,9 @@ pub fn read_trajectory(
         }
         let t_ns = match format {
             Trajectory::Tum => ns_from_decimal(cells[0]),
-            Trajectory::Euroc => cells[0].parse().ok(),
+            Trajectory::Euroc => {
+                cells[0].parse().ok().filter(|t_ns: &i64| t_ns.unsigned_abs() <= LATEST_NS.unsigned_abs())
+            }
         };
         let t_ns = t_ns.ok_or_else(|| line.refuse(format!("column 1: {:?} is no {time}", cells[0])))?;
         if poses.last().is_some_and(|before| before.t_ns >= t_ns) {

@@ -151,6 +151,9 @@ fn noise(
     Ok(variances)
 }
 
+/// Bandwidths in Hz and intervals in seconds that a recording may have: a microsecond to eleven days, and back.
+const FIGURES: std::ops::Range<f64> = 1e-6..1e6;
+
 /// Bandwidths of translation and rotation and the sampling interval: from the summary, or as times show.
 fn smoother(path: &Path, samples: &[MotionSample]) -> Result<[f64; 3], SessionError> {
     let summary_path = path.with_file_name(super::names::SUMMARY);
@@ -164,8 +167,12 @@ fn smoother(path: &Path, samples: &[MotionSample]) -> Result<[f64; 3], SessionEr
     for (figure, key) in
         figures.iter_mut().zip(["translation_bandwidth_hz", "rotation_bandwidth_hz", "sample_interval_s"])
     {
-        *figure = summary["smoother"][key].as_f64().ok_or_else(|| {
-            let detail = "is missing: make motion.csv and summary.json again, or remove the latter";
+        let value = &summary["smoother"][key];
+        *figure = value.as_f64().filter(|figure| FIGURES.contains(figure)).ok_or_else(|| {
+            let detail = format!(
+                "is {value}, and not {} to {}: make motion.csv and summary.json again, or remove the latter",
+                FIGURES.start, FIGURES.end
+            );
             SessionError::value(&summary_path, format!("smoother.{key}"), detail)
         })?;
     }

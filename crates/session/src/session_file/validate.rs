@@ -88,7 +88,7 @@ fn validate_camera(
     let rate = "is no rate of a camera: give frames a second, for instance 30.0";
     let std = "is no standard deviation of a clock: give a nanosecond or more, in seconds, or leave it out";
     for (name, value, range, detail) in [
-        ("frame_rate_hz", camera.frame_rate_hz, 0.01..1e5, rate),
+        ("frame_rate_hz", camera.frame_rate_hz, crate::RATES_HZ, rate),
         ("latency_s", camera.latency_s, 0.0..10.0, "is no delay: give seconds from 0 to 10"),
         ("time_offset_s", camera.time_offset_s, -1e9..1e9, "is not a time: give seconds"),
         ("time_offset_std_s", camera.time_offset_std_s, 1e-9..1e9, std),

@@ -67,7 +67,7 @@ pub(crate) fn open(path: &Path, frame_rate_hz: Option<f64>) -> Result<Opened, Se
     let declared = Some(numbers.len());
     let mut last = first;
     let frames = numbers.into_iter().flat_map(move |number| {
-        let gap = (number > last + 1).then(|| {
+        let gap = (number - last > 1).then(|| {
             let detail = format!(
                 "the sequence has {} and later frames but not the {} from this one on: put them there or \
                  renumber the sequence",

@@ -68,12 +68,24 @@ const HOLDERS: [(&[u8; 4], u64); 17] = [
     (b"ilst", 0),
 ];
 
+/// Boxes in each other, at most: a film's sample descriptions lie in seven.
+const DEEPEST: usize = 16;
+
 /// Why the boxes from one place to another, in a file of some length, would take memory that the file has no bytes for; none
 /// where they would not. A parser makes room for what a box says before it reads it.
 pub(super) fn overclaim(
     reader: &mut (impl Read + Seek),
+    span: (u64, u64),
+    length: u64,
+) -> Result<Option<String>> {
+    overclaim_within(reader, span, length, DEEPEST)
+}
+
+fn overclaim_within(
+    reader: &mut (impl Read + Seek),
     (from, to): (u64, u64),
     length: u64,
+    levels: usize,
 ) -> Result<Option<String>> {
     let mut at = from;
     while at.saturating_add(16) <= to {
@@ -91,7 +103,10 @@ pub(super) fn overclaim(
             return Ok(Some(format!("the box {name:?} at byte {at} has {size} bytes, the file {length}")));
         }
         for (_, before) in HOLDERS.iter().filter(|(holder, _)| kind == *holder) {
-            let inside = overclaim(reader, (at + own + before, end.min(to)), length)?;
+            if levels == 0 {
+                return Ok(Some(format!("boxes lie in each other more than {DEEPEST} deep at byte {at}")));
+            }
+            let inside = overclaim_within(reader, (at + own + before, end.min(to)), length, levels - 1)?;
             if inside.is_some() {
                 return Ok(inside);
             }
@@ -146,6 +161,18 @@ mod tests {
     fn a_box_inside_another_that_is_larger_than_the_file_is_refused_before_it_takes_memory() {
         let said = refusal(b"stsd", -4, &[0xff; 4]);
         assert!(said.contains("\"stsd\"") && said.contains("has 4294967295 bytes"), "{said}");
+    }
+
+    /// A file of boxes in each other overflowed the stack.
+    #[test]
+    fn boxes_that_lie_in_each_other_too_deep_are_refused() {
+        let levels = 200_000_u32;
+        let boxes = (1..=levels).rev().flat_map(|left| [(8 * left).to_be_bytes(), *b"moov"]).flatten();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("film.mp4");
+        std::fs::write(&path, boxes.collect::<Vec<u8>>()).unwrap();
+        let said = FrameSource::open(&path, None).map(Iterator::count).unwrap_err().to_string();
+        assert!(said.contains("more than 16 deep"), "{said}");
     }
 
     #[test]

@@ -9,6 +9,7 @@
 use super::Opened;
 use super::color::YuvCoding;
 use super::planes::Planes;
+use crate::decimal::LATEST_NS;
 use crate::{SessionError, Storage, Syncer};
 use mavsight_geometry::ImageSize;
 use mavsight_vision::{Frame, Pixels, YuvMatrix};
@@ -23,8 +24,8 @@ const LONGEST_LINE: u64 = 4096;
 struct Header {
     size: ImageSize,
     planes: Planes,
-    /// Frames a second, for frames without a stamp.
-    rate_hz: f64,
+    /// Frames a second, for frames without a stamp; none where it is not known.
+    rate_hz: Option<f64>,
 }
 
 impl Header {
@@ -35,7 +36,7 @@ impl Header {
             return Err("it does not begin with YUV4MPEG2".into());
         }
         let mut size = ImageSize { width_px: 0, height_px: 0 };
-        let (mut coding, mut rate_hz, mut format, mut rgb) = (YuvCoding::default(), 25.0, "420jpeg", false);
+        let (mut coding, mut rate_hz, mut format, mut rgb) = (YuvCoding::default(), None, "420jpeg", false);
         for word in words {
             if let Some(tag) = word.strip_prefix('X') {
                 match tag {
@@ -53,11 +54,10 @@ impl Header {
                 Some('H') => size.height_px = value.parse().unwrap_or(0),
                 Some('C') => format = value,
                 Some('F') => {
-                    let rate = value.split_once(':').and_then(|(a, b)| {
-                        let (a, b) = (a.parse::<f64>().ok()?, b.parse::<f64>().ok()?);
-                        (a > 0.0 && b > 0.0).then_some(a / b)
-                    });
-                    rate_hz = rate.unwrap_or(rate_hz);
+                    let rate = value
+                        .split_once(':')
+                        .and_then(|(a, b)| Some(a.parse::<f64>().ok()? / b.parse::<f64>().ok()?));
+                    rate_hz = rate.filter(|rate| crate::RATES_HZ.contains(rate));
                 }
                 _ => {}
             }
@@ -73,6 +73,25 @@ impl Header {
             ));
         }
         Ok(Self { size, planes, rate_hz })
+    }
+
+    /// The time of a frame, from its stamp or from its number; what is wrong where neither says it.
+    fn t_ns(&self, number: usize, stamp: Option<String>) -> Result<i64, String> {
+        match (stamp, self.rate_hz) {
+            (Some(stamp), _) => {
+                let t_ns =
+                    stamp.parse().ok().filter(|t_ns: &i64| t_ns.unsigned_abs() <= LATEST_NS.unsigned_abs());
+                t_ns.ok_or_else(|| {
+                    format!("its stamp XT={stamp} is no number of nanoseconds within 146 years of zero")
+                })
+            }
+            (None, Some(rate_hz)) => Ok(crate::ns_from_s(number as f64 / rate_hz)),
+            (None, None) => {
+                Err("it has no stamp, and the first line no rate of 0.01 to 100000 frames a second: convert \
+                                 the film with ffmpeg -r RATE"
+                    .to_owned())
+            }
+        }
     }
 
     fn of(frame: &Frame, rate_hz: f64) -> String {
@@ -101,8 +120,8 @@ pub(super) struct Y4mFrames<R> {
 
 /// What comes next in a stream.
 pub(super) enum Piece {
-    /// A whole frame and the stamp in its header.
-    Frame(Option<i64>, Frame),
+    /// A whole frame and the stamp in its header, as it stands there.
+    Frame(Option<String>, Frame),
     /// The end, after a whole frame.
     End,
     /// The end, within a frame.
@@ -127,9 +146,8 @@ impl<R: BufRead> Y4mFrames<R> {
         if !line.starts_with(b"FRAME") {
             return Piece::Wrong;
         }
-        let stamp = std::str::from_utf8(&line)
-            .ok()
-            .and_then(|l| l.split_whitespace().find_map(|w| w.strip_prefix("XT="))?.parse().ok());
+        let line = String::from_utf8_lossy(&line);
+        let stamp = line.split_whitespace().find_map(|word| word.strip_prefix("XT=")).map(str::to_owned);
         self.read += 1;
         match self.header.planes.read(self.header.size, &mut self.input) {
             Ok(Some(frame)) => Piece::Frame(stamp, frame),
@@ -178,10 +196,17 @@ impl Iterator for Recorded {
         }
         let number = self.frames.read;
         let wrong = match self.frames.piece() {
-            Piece::Frame(stamp, frame) => {
-                let by_rate = || crate::ns_from_s(number as f64 / self.frames.header.rate_hz);
-                return Some(Ok((stamp.unwrap_or_else(by_rate), frame)));
-            }
+            Piece::Frame(stamp, frame) => match self.frames.header.t_ns(number, stamp) {
+                Ok(t_ns) => return Some(Ok((t_ns, frame))),
+                Err(why) => {
+                    self.ended = true;
+                    return Some(Err(SessionError::at(
+                        &self.path,
+                        format!(", frame {number} (from 0)"),
+                        why,
+                    )));
+                }
+            },
             Piece::End => None,
             Piece::Cut => Some("the recording was cut off within it, and is whole before it"),
             Piece::Wrong => Some("what stands there is no frame"),
@@ -278,6 +303,28 @@ mod tests {
         let mut writer = Y4mWriter::create(path, 60.0).unwrap();
         frames.iter().for_each(|(t, f)| writer.push(*t, f).unwrap());
         assert_eq!(writer.bytes(), std::fs::metadata(path).unwrap().len());
+    }
+
+    /// Stamps that are none, and a rate that is not known, became times at 25 Hz.
+    #[test]
+    fn a_frame_whose_time_is_not_known_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("film.y4m");
+        let times = |rate: &str, stamp: &str| {
+            let head = format!("YUV4MPEG2 W2 H2 F{rate} C420jpeg\nFRAME{stamp}\n");
+            std::fs::write(&path, [head.as_bytes(), &[0; 6]].concat()).unwrap();
+            FrameSource::open(&path, None).and_then(|mut frames| frames.next().unwrap()).map(|frame| frame.0)
+        };
+        assert_eq!((times("30:1", "").unwrap(), times("0:0", " XT=7").unwrap()), (0, 7));
+        for (rate, stamp, says) in [
+            ("0:0", "", "has no stamp"),
+            ("1e300:1", "", "has no stamp"),
+            ("30:1", " XT=33333333.0", "XT=33333333.0 is no number"),
+            ("30:1", " XT=9200000000000000000", "within 146 years"),
+        ] {
+            let refused = times(rate, stamp).unwrap_err().to_string();
+            assert!(refused.contains(says), "{refused}");
+        }
     }
 
     #[test]

@@ -10,8 +10,8 @@ use crate::IdentifyError;
 use mavsight_flight::InputSeries;
 
 /// Length of a piece: short for an unstable aircraft, long enough for a small force to show in the path. A
-/// drag shows by the third power of the time, as the start is found from the piece itself: of a flight of five
-/// seconds pieces of one did not show a drag whose chi-square was 55.
+/// constant force of a hundredth of the weight moves the aircraft by 0.2 m in it, of which the start, found from the
+/// piece itself, leaves 15 mm (root mean square of a parabola about its line): well above the noise of poses.
 const PIECE_S: f64 = 2.0;
 /// Of so many pieces one is held out, the second.
 const OF: usize = 3;

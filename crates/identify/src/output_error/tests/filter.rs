@@ -190,6 +190,21 @@ fn a_fitted_model_predicts_a_second_ahead_better_than_holding_the_velocity() {
     assert!(errors.held.position_m > 3.0 * model.position_m, "{errors:?}");
 }
 
+/// The first pose after a gap is no pose a second ahead.
+#[test]
+fn nothing_is_predicted_across_a_gap() {
+    let (vehicle, mut random) = (pushed(), Random::new(7, 0));
+    let (inputs, states) = blown(&vehicle, 0.0, &mut random);
+    let poses = noisy_poses(&states, 1.0, &mut random);
+    let model = FlightModel::new(&vehicle, &inputs).expect("a model");
+    let options = OutputErrorOptions::default();
+    let fit = output_error(&model, &inputs, &Measurements::States(poses.clone()), &options).expect("a fit");
+    let seen: Vec<_> = poses.into_iter().filter(|p| !(3.5..5.9).contains(&p.t_s())).collect();
+    let errors = predict_ahead(&model, &fit, &inputs, &seen, 1.0).expect("predicted").expect("long enough");
+    // From 2 and 7 s; those from 3, 4 and 5 s end in the gap, 6 s has too few poses before it.
+    assert_eq!((errors.count, errors.ran_away, errors.not_started), (2, 0, 0), "{errors:?}");
+}
+
 /// The body's drag is a candidate of the model that it is fitted with.
 #[test]
 fn a_term_that_the_residuals_ask_for_is_named() {

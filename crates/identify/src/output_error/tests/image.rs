@@ -1,7 +1,7 @@
 use super::support::{flown, multisine, noisy_poses, pose, pose_covariance};
 use crate::output_error::{
     FlightFitOptions, FlightFits, FlightModel, ImageMeasurements, Images, InputClock, Measurements,
-    MotionFits, OutputErrorOptions, Prediction, output_error, predict_poses,
+    MotionFits, OutputErrorOptions, Prediction, StateMeasurement, output_error, predict_ahead, predict_poses,
 };
 use mavsight_flight::Vehicle;
 use mavsight_geometry::{Camera, ControlPoint, ImageSize, Intrinsics, Matrix2, Vector2, Vector3};
@@ -188,6 +188,13 @@ fn what_is_held_out_is_predicted_and_enters_no_fit() {
         let by_model = ahead.model.expect("a pose");
         assert!(by_model.attitude_rad < ahead.held.attitude_rad, "{name}: {ahead:?}");
         let model = FlightModel::new(&vehicle, &inputs).expect("a model");
+        // How noisy pixels are says nothing of poses.
+        let mut noisy = fit.clone();
+        let of_pixels = noisy.variance_factors.iter_mut().filter(|(channel, _)| channel.contains("camera"));
+        of_pixels.take(3).for_each(|(_, factor)| *factor *= 1e4);
+        let states: Vec<_> = poses.iter().map(StateMeasurement::from_pose).collect();
+        let [own, other] = [fit, &noisy].map(|fit| predict_ahead(&model, fit, &inputs, &states, 1.0));
+        assert_eq!(own.expect("predicted"), other.expect("predicted"), "{name}");
         let mut wrong = fit.clone();
         wrong.parameters.iter_mut().filter(|p| p.name.starts_with("C_m,alpha")).for_each(|p| p.value *= 1.2);
         let worse = predict_poses(&model, &wrong, &inputs, &poses[90..=120]).expect("a prediction");

@@ -3,7 +3,7 @@
 use mavsight_flight::{Color, Marker};
 use std::path::{Path, PathBuf};
 
-/// Colours by their words (W3C, CSS Color Module Level 4, section 6.1); a picture's own are better.
+/// Colours by their words, about as paints of that name look to a camera; a picture's own are better.
 const WORDS: [(&str, &str); 14] = [
     ("red", "#ff0000"),
     ("green", "#008000"),
