@@ -284,8 +284,9 @@ fn keys(near: &[String]) -> String {
 /// Names that a message proposes, at most.
 const NEAREST: usize = 3;
 
-/// The names nearest to one, best first: those that differ in at most a third of their letters.
-pub(crate) fn near<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Vec<String> {
+/// The names nearest to one, best first, three at most: those that differ in at most a third of their letters, by the
+/// distance of Damerau and Levenshtein.
+pub fn near<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Vec<String> {
     let short: String = name.chars().take(60).collect();
     let mut near: Vec<(usize, &str)> = known.map(|k| (strsim::osa_distance(&short, k), k)).collect();
     near.retain(|(distance, k)| 3 * distance <= k.chars().count().max(short.chars().count()) + 2);

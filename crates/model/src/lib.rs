@@ -24,7 +24,7 @@ mod unit;
 
 pub use dynamics::{Dynamics, Evaluation, Slope};
 pub use fastest::Fastest;
-pub use fault::{Fault, ModelError};
+pub use fault::{Fault, ModelError, near};
 pub use model::{Axis, Body, Derived, Equation, Freedom, FurtherState, Input, Model, Parameter, Sensor};
 pub use rigid_body::{BODY_PARAMETERS, RIGID_STATES};
 pub use shelf::SHELF;

@@ -46,8 +46,8 @@ pub fn write_plan_report(plan: &CameraPlan<'_>, out: &Path) -> Result<(), Report
     let mut report = Report {
         title: format!("mavsight plan: {}", planner.room().name),
         lead: vec![format!(
-            "{} cameras; standard deviations of the body's pose are predicted, roots of the traces of the covariances of position and attitude, \
-             calibration, markers and centres as the room file says.",
+            "{} cameras; standard deviations of the body's pose are predicted, over all three axes together, \
+             with calibration, markers and centres as the room file says.",
             best.placed.len()
         )],
         headline: vec![

@@ -84,8 +84,16 @@ pub fn read_toml<T: DeserializeOwned>(path: &Path, role: &str) -> Result<T, Sess
     toml::from_str(&text).map_err(|error| {
         let before = error.span().and_then(|span| text.get(..span.start)).unwrap_or("");
         let line = 1 + before.matches('\n').count() as u64;
-        SessionError::line(path, line, error.message().trim().replace('\n', ", "))
+        SessionError::line(path, line, with_near(error.message().trim().replace('\n', ", ")))
     })
+}
+
+/// What the parser says of a name that it does not know, with the known ones that are near.
+fn with_near(message: String) -> String {
+    let mut quoted = message.split('`').skip(1).step_by(2);
+    let given = quoted.next().filter(|_| message.starts_with("unknown "));
+    let near = given.map_or_else(Vec::new, |given| mavsight_model::near(given, quoted));
+    if near.is_empty() { message } else { format!("{message}: did you mean {}?", near.join(" or ")) }
 }
 
 /// Writes a vehicle, a session file or another value as TOML. Paths are written as given, relative ones
@@ -112,4 +120,18 @@ pub fn write_json(path: &Path, value: &impl Serialize) -> Result<(), SessionErro
 pub(crate) fn json_text(path: &Path, value: &impl Serialize) -> Result<String, SessionError> {
     let text = serde_json::to_string_pretty(value);
     text.map(|t| t + "\n").map_err(|e| SessionError::express(path, "express it as JSON", e))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_key_that_is_not_known_is_answered_with_those_that_are_near() {
+        let unknown = "unknown field `vidoe`, expected one of `name`, `video`, `still`";
+        assert_eq!(with_near(unknown.to_owned()), format!("{unknown}: did you mean video?"));
+        for other in ["unknown field `zz`, expected `name` or `video`", "missing field `name`"] {
+            assert_eq!(with_near(other.to_owned()), other);
+        }
+    }
 }

@@ -116,13 +116,13 @@ fn answers(args: &New, cameras: Vec<Camera>, asker: &mut Asker) -> Result<Option
         }
     })?;
     let question = Question { flag: "--mass", text: "Mass of the aircraft as it flew, kg", default: None };
-    let mass_kg = asker.ask(args.mass.as_deref(), &question, read::above_zero)?;
+    let mass_kg = asker.ask(args.mass.as_deref(), &question, read::mass_kg)?;
     let text = "Moments of inertia about forward, right and down, kg m² (Ixx,Iyy,Izz)";
     let question = Question { flag: "--inertia", text, default: None };
     let inertia_kg_m2 = asker.ask(args.inertia.as_deref(), &question, read::three)?;
     let question =
         Question { flag: "--ball-diameter", text: "Diameter of the balls on it, mm", default: None };
-    let diameter_mm = asker.ask(args.ball_diameter.as_deref(), &question, read::above_zero)?;
+    let diameter_mm = asker.ask(args.ball_diameter.as_deref(), &question, read::diameter_mm)?;
     let text = "The balls on it, one a line: colour, then forward, right and down of the centre of gravity in mm (red \
                 225 225 100); a colour as picked from a picture may follow (#d02a2a)";
     let question = Question { flag: "--ball", text, default: None };
@@ -193,7 +193,7 @@ fn control(args: &New, cameras: &[Camera], asker: &mut Asker) -> Result<Option<S
     }
     let text = "Diameter of the control balls, mm";
     let question = Question { flag: "--control-diameter", text, default: None };
-    let diameter_mm = asker.ask(args.control_diameter.as_deref(), &question, read::above_zero)?;
+    let diameter_mm = asker.ask(args.control_diameter.as_deref(), &question, read::diameter_mm)?;
     let colors = control_colors(args, cameras, asker, &table.names)?;
     let Some(diameter_mm) = diameter_mm.filter(|_| !table.names.is_empty()) else { return Ok(None) };
     let network = points_from_distances(&table.names, &table.measured)

@@ -1,6 +1,7 @@
 //! Answers in the form in which people type them.
 
 use mavsight_flight::{Color, Marker};
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 /// Colours by their words, about as paints of that name look to a camera; a picture's own are better.
@@ -45,6 +46,23 @@ pub(super) fn above_zero(text: &str) -> Result<f64, String> {
     value.ok_or_else(|| format!("{text:?} is not a number above zero"))
 }
 
+/// The diameter of a ball, from a millimetre to a metre.
+pub(super) fn diameter_mm(text: &str) -> Result<f64, String> {
+    within(text, 1.0..=1000.0, "mm")
+}
+
+/// The mass of an aircraft that flies indoors, from a gram to 100 kg.
+pub(super) fn mass_kg(text: &str) -> Result<f64, String> {
+    within(text, 1e-3..=100.0, "kg")
+}
+
+fn within(text: &str, range: RangeInclusive<f64>, unit: &str) -> Result<f64, String> {
+    let value = above_zero(text)?;
+    let wrong =
+        || format!("{value} {unit} is not {} to {} {unit}: check the unit", range.start(), range.end());
+    range.contains(&value).then_some(value).ok_or_else(wrong)
+}
+
 /// Three numbers above zero.
 pub(super) fn three(text: &str) -> Result<[f64; 3], String> {
     let values: Vec<f64> = parts(text).into_iter().map(above_zero).collect::<Result<_, _>>()?;
@@ -67,6 +85,13 @@ pub(super) fn ball(text: &str, before: &[Marker]) -> Result<Marker, String> {
     for (to, from) in position_m.iter_mut().zip(place) {
         let mm = from.parse::<f64>().ok().filter(|v| v.is_finite());
         *to = 1e-3 * mm.ok_or_else(|| format!("{from:?} is no number: {example}"))?;
+    }
+    let farthest_m = position_m.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
+    if farthest_m > 0.0 && !(1e-3..5.0).contains(&farthest_m) {
+        let mm = 1e3 * farthest_m;
+        return Err(format!(
+            "a ball {mm} mm from the centre of gravity is not 1 to 5000 mm from it: check the unit"
+        ));
     }
     Ok(Marker { name: name.to_owned(), position_m, diameter_m: 0.0, color: color(picked.unwrap_or(name))? })
 }
@@ -112,6 +137,10 @@ mod tests {
         assert!(ball("red,1,2,3", std::slice::from_ref(&red)).unwrap_err().contains("red2"));
         assert!(ball("red,1,2", &[]).unwrap_err().contains("forward"));
         assert!(color("reddish").unwrap_err().contains("#rrggbb"));
+        // Metres for millimetres, and grams for kilograms.
+        assert!(ball("red,0.225,0.225,0.1", &[]).unwrap_err().contains("check the unit"));
+        assert!(diameter_mm("0.05").unwrap_err().contains("0.05 mm is not 1 to 1000 mm"));
+        assert!(mass_kg("800").unwrap_err().contains("check the unit") && mass_kg("0.8") == Ok(0.8));
         assert!(above_zero("0").is_err() && three("1,2").is_err() && three("1, 2, 3").is_ok());
     }
 }
