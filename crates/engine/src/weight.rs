@@ -14,8 +14,8 @@ const SAMPLED: usize = 100;
 const GRAMS: f64 = 1000.0;
 const ABOUT: f64 = 2.0;
 
-/// Factor beyond which forces of a model are wrong, whatever it is: twice that, by which coefficients that are guessed are
-/// wrong at most.
+/// Factor beyond which the forces of a model are wrong, whatever the cause: coefficients that are guessed are right within half
+/// of it.
 const FAR: f64 = 2.0 * ABOUT;
 
 /// Least share of the body's size that a radius of gyration has: two thirds of a rod's are 0.29 of its length,
