@@ -66,10 +66,10 @@ impl Planner {
     ///
     /// # Errors
     /// [`PlanError::NoPlace`]; [`PlanError::NothingSeen`]; [`PlanError::Value`] for a step that is not
-    /// 0.1 to 2 m, or so short that there are more than 100 000 places.
+    /// 0.1 to 10 m, or so short that there are more than 100 000 places.
     pub fn search(&self, options: &SearchOptions) -> Result<Vec<Ranked>, PlanError> {
-        PlanError::unless((0.1..=2.0).contains(&options.step_m), "step", || {
-            format!("{} m is no distance: give 0.1 to 2", options.step_m)
+        PlanError::unless((0.1..=10.0).contains(&options.step_m), "step", || {
+            format!("{} m is no distance: give 0.1 to 10", options.step_m)
         })?;
         let kinds: Vec<usize> =
             self.room.camera.iter().enumerate().flat_map(|(k, c)| std::iter::repeat_n(k, c.count)).collect();
