@@ -308,6 +308,15 @@ mod tests {
         assert!(figures.inside > 0.85 && figures.given > 0.9, "{figures:?}");
     }
 
+    /// Flight 123: a camera is pushed by a pixel after the other has ended. Nothing was said, and positions were ten standard
+    /// deviations off.
+    #[test]
+    fn a_push_by_a_pixel_is_no_motion() {
+        let row = FaultCampaign::new(1, 2000, None).rows(123..124);
+        let row: Vec<&str> = row.trim_end().split(',').collect();
+        assert_eq!((cell(&row, "second_said"), cell(&row, "beyond")), ("1", "0"), "{row:?}");
+    }
+
     /// Flight 783: a hover with one doublet, seen by one camera. Its likeliest noise is correlated errors with nearly no
     /// motion, and rates were claimed to 0.12 °/s that were off by 15 °/s.
     #[test]
