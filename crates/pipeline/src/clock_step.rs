@@ -30,7 +30,7 @@ const LEAST_DEPARTURE: f64 = 1e-3;
 /// many frames are lost is two faults at once.
 const MOST_COMPARED: usize = 3;
 
-/// Frames that may be missing at one place, an hour of 30 Hz: what is further apart is a clock that was set.
+/// Frames that may be missing at one place, an hour of 30 Hz: no more are compared.
 const MOST_MISSING: usize = 108_000;
 
 /// Steps of one camera that are looked for: more of them are a clock that is no clock.
