@@ -18,6 +18,7 @@ pub use items::{CheckItem, Harm};
 pub use smear::Exposure;
 
 use crate::calibration::{rig_of, sizes_of};
+use crate::input_range::beyond_range;
 use crate::{EngineError, camera_feeds};
 use film::{Film, Seen, Tap};
 use mavsight_flight::Vehicle;
@@ -97,15 +98,20 @@ pub fn check(session: &Session, progress: &dyn Progress) -> SessionCheck {
     out
 }
 
-/// What a run would refuse of the tables and the log that a session names.
+/// What a run would refuse of the tables and the log that a session names, or say of the inputs.
 fn of_tables(session: &Session) -> Vec<CheckItem> {
-    let [inputs, sensors] = [session.inputs().err(), session.sensors().err()];
+    let (inputs, ranges) = match session.inputs() {
+        Ok(inputs) => (None, inputs.map_or_else(Vec::new, |own| beyond_range(&own, &session.vehicle.model))),
+        Err(error) => (Some(error), Vec::new()),
+    };
+    let sensors = session.sensors().err();
     let log = inputs
         .is_none()
         .then(|| session.log_gyroscope().err().or_else(|| session.log_sensors().err()))
         .flatten();
     let errors = [inputs, sensors, log].into_iter().flatten();
-    errors.map(|error| items::of_error(&EngineError::Input(error))).collect()
+    let errors = errors.map(|error| items::of_error(&EngineError::Input(error)));
+    errors.chain(ranges.into_iter().map(CheckItem::of_note)).collect()
 }
 
 fn camera(name: &str) -> CameraCheck {

@@ -1,5 +1,6 @@
 //! From poses to motion and parameters.
 
+use crate::input_range::beyond_range;
 use crate::log_clock::{LogBesidePoses, sensors_of_log};
 use crate::parts::{held_long, longest_without_gap, part_covered, part_without_gap, with_part};
 use crate::weight::wrong_weight;
@@ -87,6 +88,7 @@ fn identify_beside_log(
         Some(Some(inputs)) => inputs,
         None => recorded,
     };
+    results.notes.extend(beyond_range(recorded, &flight.vehicle.model));
     let weight = wrong_weight(&motion, recorded, flight.vehicle);
     results.notes.extend(weight.iter().map(|finding| finding.note.clone()));
     results.findings.extend(weight);

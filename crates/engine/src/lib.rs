@@ -11,6 +11,7 @@ mod colors;
 mod error;
 mod frames;
 mod identification;
+mod input_range;
 mod log_alone;
 mod log_clock;
 mod look;

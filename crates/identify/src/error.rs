@@ -205,7 +205,7 @@ pub enum IdentifyError {
     #[error("no parameter is free: name at least one")]
     NothingFree,
     /// Parameters that the flight does not distinguish.
-    #[error("the flight does not determine {}: {combination}; fix one of them, or fly a manoeuvre that moves them by themselves", names.join(", "))]
+    #[error("the flight does not determine {}: {combination}; {}", names.join(", "), to_determine(names))]
     NotDetermined {
         /// The parameters.
         names: Vec<String>,
@@ -235,6 +235,14 @@ pub enum IdentifyError {
     /// A marker that no camera can see at the fitted pose, or a camera that cannot be differentiated.
     #[error(transparent)]
     Geometry(#[from] mavsight_geometry::GeometryError),
+}
+
+/// What to do about parameters that a flight does not determine.
+fn to_determine(names: &[String]) -> &'static str {
+    match names {
+        [_] => "fix it at a known value, or fly a manoeuvre that moves what it acts on",
+        _ => "fix one of them, or fly a manoeuvre that moves them by themselves",
+    }
 }
 
 fn too_long(seconds: Option<f64>) -> String {

@@ -28,6 +28,15 @@ pub(crate) fn words(output: &Output, dependence: &Dependence, fit: &OutputFit) -
         return explained + remedy(fit);
     }
     let mut text = explained + &determined(output, fit);
+    if fit.left_out > 0 {
+        text += &format!(" {} instants in gaps of the poses were left out.", fit.left_out);
+    }
+    if let Some(held) = &fit.diagnostics.held_out {
+        text += &format!(
+            " It predicts the {} instants held out with R² {:.3} and Theil's coefficient {:.3}.",
+            held.count, held.r2, held.theil
+        );
+    }
     // The frequency domain leaves constants out on purpose.
     if fit.estimator != Estimator::FrequencyDomain && !dependence.dependent.is_empty() {
         let name = |d: &DependentColumn| output.columns[d.column].name.as_str();
@@ -46,15 +55,6 @@ pub(crate) fn words(output: &Output, dependence: &Dependence, fit: &OutputFit) -
         }
     }
     text += &entangled(output, fit);
-    if fit.left_out > 0 {
-        text += &format!(" {} instants in gaps of the poses were left out.", fit.left_out);
-    }
-    if let Some(held) = &fit.diagnostics.held_out {
-        text += &format!(
-            " It predicts the {} instants held out with R² {:.3} and Theil's coefficient {:.3}.",
-            held.count, held.r2, held.theil
-        );
-    }
     text
 }
 

@@ -62,6 +62,7 @@ fn takes_in(first: &mut Advice, next: &Advice) -> bool {
     };
     let is_alike = own == of_other && first.remedy == next.remedy;
     if is_alike {
+        let name = name.strip_prefix("No ").filter(|_| names.starts_with("No ")).unwrap_or(name);
         first.what = format!("{names}, {name}: {own}");
     }
     is_alike
@@ -115,7 +116,7 @@ fn of_equations(results: &RunResults) -> Vec<Advice> {
         let what = if names.is_empty() {
             format!("The terms of {outputs} trade against each other.")
         } else {
-            format!("The flight does not determine {} of {outputs} by themselves.", names.join(", "))
+            format!("Equation error does not determine {} of {outputs} by themselves.", names.join(", "))
         };
         Advice { harm: Harm::Missing, what, remedy }
     }));
@@ -288,6 +289,9 @@ mod tests {
             of(&RunResults::default(), &[note("cam1", "red"), note("cam2", "red"), note("cam2", "blue")]);
         let what: Vec<&str> = all.iter().map(|a| a.what.as_str()).collect();
         assert_eq!(what, ["cam1, cam2: red is overexposed.", "cam2: blue is overexposed."]);
+        let note = |fit: &str| format!("No fit from {fit}: it lacks data; fly again.");
+        let all = of(&RunResults::default(), &[note("poses"), note("images")]);
+        assert_eq!(all[0].what, "No fit from poses, fit from images: it lacks data.");
     }
 
     #[test]

@@ -101,9 +101,9 @@ impl Estimates {
         (own().filter(|p| p.best().is_some_and(|(_, e)| e.is_determined)).count(), own().count())
     }
 
-    /// The estimator of the values that are shown, in words; none where there is nothing.
+    /// The estimator of the values that are shown; none where there is nothing.
     pub(crate) fn first(&self) -> Option<&str> {
-        self.estimators.first().map(|name| words(name))
+        self.estimators.first().map(String::as_str)
     }
 
     /// Name and value with standard deviation and unit, as text; those that are not determined say so.

@@ -4,6 +4,7 @@ use crate::digits::short;
 use crate::findings::sentence_case;
 use crate::html::Figure;
 use crate::intervals::Estimates;
+use crate::parameters::words;
 use crate::overlay::Overlay;
 use crate::{Summary, space};
 use mavsight_flight::Vehicle;
@@ -60,7 +61,11 @@ fn parameters(results: &RunResults, summary: &Summary) -> Option<String> {
         return refusal(results, "No parameters");
     };
     let (determined, all) = estimates.determined();
-    let mut text = format!("The flight determines {determined} of {all} parameters ({first})");
+    let mut text = format!("The flight determines {determined} of {all} parameters ({})", words(first));
+    let inside = summary.figure("truth", &format!("{first}_inside_of"));
+    if let Some((inside, of)) = inside.and_then(|row| Some((row.value.get(0)?, row.value.get(1)?))) {
+        text += &format!("; {inside} of {of} true values lie inside their 95 % intervals");
+    }
     let explained = summary.rows.iter().filter(|r| r.section == "fit").filter_map(|r| {
         let output =
             r.key.strip_suffix("_r2").filter(|o| !o.ends_with("predicted") && !o.contains("held_out"))?;

@@ -1,54 +1,74 @@
 //! The summary of a run on one screen of a terminal.
 
-use crate::Summary;
 use crate::findings::MOST;
 use crate::intervals::Estimates;
 use crate::overview::sentences;
+use crate::{Advice, Summary};
 use mavsight_flight::Vehicle;
 use mavsight_session::RunResults;
 
 /// Columns of a line, and lines in all: what a person sees without scrolling, less the caller's own last lines.
 const COLUMNS: usize = 100;
 const LINES: usize = 22;
-/// Lines that a finding may take.
-const LINES_OF_FINDING: usize = 2;
+/// Lines that a sentence of the overview may take, and a finding with its remedy.
+const LINES_OF_SENTENCE: usize = 2;
+const LINES_OF_FINDING: usize = 4;
+/// Lines that parameters take at least, where there are any: a gap, a heading and two rows.
+const LINES_OF_PARAMETERS: usize = 4;
 const INDENT: &str = "     ";
 
 /// What flew, how good it is, the parameters and what to mend, in at most 22 lines of 100 columns.
+///
+/// Findings stand whole, the most harmful first; what there is no room for is counted.
 pub fn brief(vehicle: &Vehicle, results: &RunResults, summary: &Summary) -> String {
     let mut lines: Vec<String> =
-        sentences(vehicle, results, summary).iter().flat_map(|s| wrapped(s, "", LINES_OF_FINDING)).collect();
-    let advice = summary.advice.iter().take(MOST).enumerate();
-    let advice: Vec<String> = advice
-        .flat_map(|(k, a)| {
-            // The remedy is read whole: what was found gives way.
-            let room = (LINES_OF_FINDING * (COLUMNS - 6 - INDENT.len()))
-                .saturating_sub(a.remedy.chars().count() + 1);
-            let text = wrapped(
-                &format!("{} {}", clipped(&a.what, room.max(40)), a.remedy),
-                INDENT,
-                LINES_OF_FINDING,
-            );
-            text.into_iter().enumerate().map(move |(line, text)| match line {
-                0 => format!("  {}. {}", k + 1, text.trim_start()),
-                _ => text,
-            })
-        })
-        .collect();
-    let of_advice = if advice.is_empty() { 0 } else { advice.len() + 2 };
-    lines.extend(parameters(results, LINES.saturating_sub(lines.len() + of_advice)));
-    if !advice.is_empty() {
-        lines.extend([String::new(), "To mend, most harmful first".to_owned()]);
-        lines.extend(advice);
-    }
+        sentences(vehicle, results, summary).iter().flat_map(|s| wrapped(s, "", LINES_OF_SENTENCE)).collect();
+    let estimates = Estimates::of(results).lines();
+    let of_parameters = if estimates.is_empty() { 0 } else { LINES_OF_PARAMETERS };
+    let advice = to_mend(&summary.advice, LINES.saturating_sub(lines.len() + of_parameters));
+    lines.extend(parameters(&estimates, LINES.saturating_sub(lines.len() + advice.len())));
+    lines.extend(advice);
     lines.truncate(LINES);
     lines.join("\n") + "\n"
 }
 
+/// A heading and as many findings as there is room for.
+fn to_mend(all: &[Advice], room: usize) -> Vec<String> {
+    let mut lines = Vec::new();
+    let mut shown = 0;
+    for (k, advice) in all.iter().take(MOST).enumerate() {
+        let own = finding(k + 1, advice);
+        if k > 0 && lines.len() + own.len() + 2 > room {
+            break;
+        }
+        lines.extend(own);
+        shown += 1;
+    }
+    let more = match all.len() - shown {
+        0 => String::new(),
+        more => format!("; {more} more in the report"),
+    };
+    let heading = [String::new(), format!("To mend, most harmful first{more}")];
+    if shown == 0 { lines } else { heading.into_iter().chain(lines).collect() }
+}
+
+/// The remedy is read whole: what was found gives way.
+fn finding(number: usize, advice: &Advice) -> Vec<String> {
+    let room =
+        (LINES_OF_FINDING * (COLUMNS - 6 - INDENT.len())).saturating_sub(advice.remedy.chars().count() + 1);
+    let text = format!("{} {}", clipped(&advice.what, room.max(40)), advice.remedy);
+    let lines = wrapped(&text, INDENT, LINES_OF_FINDING).into_iter().enumerate();
+    lines
+        .map(|(line, text)| match line {
+            0 => format!("  {number}. {}", text.trim_start()),
+            _ => text,
+        })
+        .collect()
+}
+
 /// Parameters in two columns, as many as there is room for.
-fn parameters(results: &RunResults, room: usize) -> Vec<String> {
+fn parameters(all: &[(String, String, &str)], room: usize) -> Vec<String> {
     const HALF: usize = COLUMNS / 2;
-    let all = Estimates::of(results).lines();
     let Some(rows) = room.checked_sub(2).filter(|rows| *rows > 0 && !all.is_empty()) else { return vec![] };
     let cell = |(name, value, verdict): &(String, String, &str)| {
         let doubt = if *verdict == "hardly determined" { " (?)" } else { "" };
@@ -103,7 +123,7 @@ fn clipped(text: &str, most: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Advice, Harm};
+    use crate::Harm;
 
     #[test]
     fn however_much_there_is_to_say_it_fits_on_one_screen() {
@@ -121,6 +141,22 @@ mod tests {
         let text = brief(&Vehicle::paper(), &results, &summary);
         assert!(text.lines().count() <= LINES, "{text}");
         assert!(text.lines().all(|line| line.chars().count() <= COLUMNS), "{text}");
-        assert!(text.contains("5. fault 4") && !text.contains("fault 5"), "{text}");
+        assert!(text.contains("  2. fault 1") && text.contains("more in the report"), "{text}");
+    }
+
+    /// A run ended a remedy in the middle of a word.
+    #[test]
+    fn what_is_to_be_mended_stands_whole() {
+        let advice = Advice {
+            harm: Harm::Missing,
+            what: format!("The flight does not determine {}.", "T_u, T_l of C_X, C_Z, C_m, ".repeat(3)),
+            remedy: format!(
+                "To separate them, {}end.",
+                "move omega_l and omega_u, each by itself, ".repeat(3)
+            ),
+        };
+        let text = finding(1, &advice).join(" ");
+        assert!(!text.contains('…') && text.ends_with("end."), "{text}");
+        assert_eq!(to_mend(&vec![advice; 9], 12).last().map(|line| line.contains("end.")), Some(true));
     }
 }

@@ -12,6 +12,7 @@ use mavsight_session::{
     DistanceTable, SessionError, read_body, read_flight_table, read_markers, read_motion, read_poses,
 };
 use std::path::Path;
+use std::sync::LazyLock;
 
 fn all(tables: &[&str]) -> Vec<Vec<u8>> {
     tables.iter().map(|table| table.as_bytes().to_vec()).collect()
@@ -33,22 +34,22 @@ pub(super) fn inputs(bytes: &[u8]) -> Outcome {
 }
 
 /// A model that has sensors.
-fn sensed() -> Model {
+static SENSED: LazyLock<Model> = LazyLock::new(|| {
     mavsight_model::SHELF
         .iter()
         .filter_map(|(name, _)| Model::shelf(name))
         .max_by_key(|model| model.sensors.len())
         .unwrap()
-}
+});
 
 pub(super) fn sensor_tables() -> Vec<Vec<u8>> {
-    let columns: Vec<String> = sensed().sensors.iter().map(|s| s.column.clone()).collect();
+    let columns: Vec<String> = SENSED.sensors.iter().map(|s| s.column.clone()).collect();
     let row = |t_s: &str| format!("{t_s},{}\n", vec!["0.25"; columns.len()].join(","));
     vec![format!("t_s,{}\n{}{}", columns.join(","), row("0"), row("0.01")).into()]
 }
 
 pub(super) fn sensors(bytes: &[u8]) -> Outcome {
-    with_file("attacked-sensors.csv", bytes, |path| read_sensors(path, &sensed())).into()
+    with_file("attacked-sensors.csv", bytes, |path| read_sensors(path, &SENSED)).into()
 }
 
 pub(super) fn control_point_tables() -> Vec<Vec<u8>> {

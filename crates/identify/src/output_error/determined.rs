@@ -141,10 +141,14 @@ fn refusal(model: &FlightModel, direction: &DVector<f64>, sizes: &DVector<f64>) 
     let lead = sizes.iamax();
     let part = |k: &usize| format!("{:+.4}·{}", direction[*k] / direction[lead], name(*k));
     let change = named.iter().map(part).collect::<Vec<_>>().join(" ");
-    let mut combination = format!("a change along {change} leaves every measurement as it is");
-    if let [i, j] = named[..] {
-        let factor = -direction[i] / direction[j];
-        combination += &format!(", only {} {factor:+.4}·{} is seen", name(i), name(j));
-    }
+    let along = format!("a change along {change} leaves every measurement as it is");
+    let combination = match named[..] {
+        [_] => "its change leaves every measurement as it is".to_owned(),
+        [i, j] => {
+            let factor = -direction[i] / direction[j];
+            format!("{along}, only {} {factor:+.4}·{} is seen", name(i), name(j))
+        }
+        _ => along,
+    };
     IdentifyError::NotDetermined { names: named.iter().map(|k| name(*k).to_owned()).collect(), combination }
 }
