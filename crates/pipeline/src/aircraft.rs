@@ -6,7 +6,7 @@ use crate::wand::{Seen, balls_of};
 use crate::{CameraFeed, PipelineError, usual_interval_ns};
 use mavsight_flight::Vehicle;
 use mavsight_geometry::Vector2;
-use mavsight_pose::{CameraClock, MarkerObservation, MovedObject, ObjectDoubt, ObjectLags};
+use mavsight_pose::{MarkerObservation, MovedObject, ObjectDoubt, ObjectLags};
 use mavsight_vision::Detection;
 use rayon::prelude::*;
 
@@ -21,7 +21,6 @@ use rayon::prelude::*;
 /// Sources that fail, colours that cannot be distinguished.
 pub fn aircraft_of(vehicle: &Vehicle, feeds: Vec<CameraFeed<'_>>) -> Result<MovedObject, PipelineError> {
     let colors = MarkerColors::of(vehicle);
-    let clocks: Vec<CameraClock> = feeds.iter().map(|feed| feed.clock.clock).collect();
     let seen: Vec<Seen> = feeds
         .into_par_iter()
         .map(|feed| balls_of("flight", &colors.balls, feed))
@@ -32,14 +31,13 @@ pub fn aircraft_of(vehicle: &Vehicle, feeds: Vec<CameraFeed<'_>>) -> Result<Move
         .enumerate()
         .map(|(color, count)| colors.of_marker.iter().position(|c| *c == color).filter(|_| count == 1))
         .collect();
-    let first_ns: Vec<i64> =
-        seen.first().into_iter().flatten().map(|frame| clocks[0].time_ns(frame.0)).collect();
+    let first_ns: Vec<i64> = seen.first().into_iter().flatten().map(|frame| frame.0).collect();
     let intervals_ns = seen.iter().filter_map(|frames| usual_interval_ns(frames.iter().map(|f| f.0)));
     let interval_ns = intervals_ns.max().unwrap_or(0);
     let (mut observations, mut velocities_px_s) = (Vec::new(), Vec::new());
     for (camera, frames) in seen.iter().enumerate() {
         for k in 1..frames.len().saturating_sub(1) {
-            let own_ns = clocks[camera].time_ns(frames[k].0);
+            let own_ns = frames[k].0;
             let Some(t_ns) = nearest_ns(&first_ns, own_ns, interval_ns / 2) else { continue };
             for (color, marker) in marker_of.iter().enumerate() {
                 let Some((marker, (ball, velocity))) = marker.zip(moving(&frames[k - 1..=k + 1], color))

@@ -51,12 +51,20 @@ impl FlightAssociator {
     }
 
     /// What happened to the cameras and how well they saw the markers, into what was tracked.
-    pub(crate) fn finish(&self, rig: &Rig, watches: Vec<CameraWatch>, tracked: &mut Tracked) {
+    ///
+    /// Watches come with the usual time between the frames of their cameras: instants are those of the fastest, so each frame of
+    /// another is seen at several.
+    pub(crate) fn finish(&self, rig: &Rig, watches: Vec<(CameraWatch, f64)>, tracked: &mut Tracked) {
         let markers = self.colors.len();
-        let mut seen = vec![0; watches.len() * markers];
+        let fastest_s = watches.iter().map(|(_, interval_s)| *interval_s).fold(f64::INFINITY, f64::min);
+        let mut seen = vec![0_u32; watches.len() * markers];
         tracked.observations.iter().for_each(|o| seen[o.camera * markers + o.marker] += 1);
-        for (camera, (watch, seen)) in watches.into_iter().zip(seen.chunks(markers.max(1))).enumerate() {
-            let (health, findings) = watch.report(camera, &self.colors, seen);
+        for (camera, ((watch, interval_s), seen)) in
+            watches.into_iter().zip(seen.chunks(markers.max(1))).enumerate()
+        {
+            let instants = watch.health.frames as f64 * interval_s / fastest_s;
+            let shares: Vec<f64> = seen.iter().map(|n| f64::from(*n) / instants.max(1.0)).collect();
+            let (health, findings) = watch.report(camera, &self.colors, &shares);
             tracked.health.push(health);
             tracked.findings.extend(findings);
         }

@@ -10,7 +10,7 @@ use crate::stream::{StoredDetection, Stream};
 use crate::{Cause, Finding};
 use mavsight_geometry::{Matrix2, Matrix3, Vector2, Vector3};
 use mavsight_pose::LONGEST_APART_NS;
-use nalgebra::Matrix3x2;
+use nalgebra::{Matrix3x2, Matrix6, Matrix6x2, Vector6};
 use std::collections::VecDeque;
 
 /// Frames on either side through which parabolas are laid: the fewest that show whether one fits, and more, by which less is
@@ -181,7 +181,8 @@ fn step_before(frames: &VecDeque<LoneBalls>, at: usize, interval_ns: f64, least:
     // Of two frames that have each other's time stamps nothing is left without them, of a push all: it is nearer to that.
     let without = between.step(window + 1, 1)?;
     let is_left = without.by_px.dot(&best.by_px) > 0.5 * best.by_px.norm_squared();
-    is_left.then(|| (best.by_px.norm(), best.square()))
+    let is_bend = between.worse_if_smooth(window)? < DECISIVE * best.scale;
+    (is_left && !is_bend).then(|| (best.by_px.norm(), best.square()))
 }
 
 /// What lies between two frames.
@@ -248,6 +249,37 @@ impl Between<'_> {
         let degrees: f64 = own().map(|c| c.degrees).sum();
         let scale = (squares / degrees).max(apart).max(1.0);
         Some(CommonStep { by_px, variance_px2, scale })
+    }
+
+    /// By how much more polynomials of as many coefficients as two parabolas, each through a ball's places on both sides, leave of
+    /// them: little where the motion bends and no camera was pushed.
+    fn worse_if_smooth(&self, window: usize) -> Option<f64> {
+        let frames = self.at - window..self.at + window;
+        let mut worse = 0.0;
+        for color in 0..self.frames[self.at].balls.len() {
+            let parabolas = [frames.start..self.at, self.at..frames.end].map(|side| self.curve(color, side));
+            if let [Some(before), Some(after)] = parabolas {
+                let smooth = self.smooth_squares(color, frames.clone(), window as f64)?;
+                worse += smooth - (before.squares + after.squares).trace();
+            }
+        }
+        Some(worse)
+    }
+
+    /// Whitened squares of what a polynomial of the fifth degree leaves of a ball's places, over times in parts of so many frames.
+    fn smooth_squares(&self, color: usize, frames: std::ops::Range<usize>, span: f64) -> Option<f64> {
+        let (mut normal, mut right, mut squares) = (Matrix6::zeros(), Matrix6x2::zeros(), 0.0);
+        let mut origin_px = None;
+        for frame in frames.map(|k| &self.frames[k]) {
+            let Some((pixel, variance_px2)) = frame.balls[color] else { continue };
+            let time = (frame.stamp_ns - self.frames[self.at].stamp_ns) as f64 / (self.interval_ns * span);
+            let powers = Vector6::from_fn(|k, _| time.powi(k as i32));
+            let by_px = pixel - *origin_px.get_or_insert(pixel);
+            normal += powers * powers.transpose() / variance_px2;
+            right += powers * by_px.transpose() / variance_px2;
+            squares += by_px.norm_squared() / variance_px2;
+        }
+        Some(squares - (normal.cholesky()?.solve(&right)).dot(&right))
     }
 
     /// The parabola through a ball's places in some frames, by weighted least squares, over times from the middle of the two.

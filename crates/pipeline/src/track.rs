@@ -163,6 +163,7 @@ pub(crate) fn joined(
     all.tracked.reserve(instants, streams.len() * vehicle.marker.len());
     let mut associator = FlightAssociator::new(rig, vehicle)?;
     associator.spread_over(instants);
+    let intervals_s: Vec<f64> = streams.iter().map(Stream::interval_s).collect();
     synchronize::instants(streams, &sizes, &exact, |t_ns, seen| {
         let association = associator.associate(t_ns, seen);
         each(&Instant { t_ns, seen, association: &association, moved: associator.moved_cameras() });
@@ -171,6 +172,7 @@ pub(crate) fn joined(
     found.extend(associator.misfit_by_clocks(rig, Some(ClockEvidence { streams: seen }))?);
     all.tracked.findings = found;
     all.leave_out_moved(&associator);
+    let watches = watches.into_iter().zip(intervals_s).collect();
     associator.finish(rig, watches, &mut all.tracked);
     all.withhold_what_is_of_another_body();
     let mut tracked = all.finish()?;
@@ -240,8 +242,22 @@ mod tests {
         rig.cameras.truncate(streams.len());
         rig.uncertainty =
             rig.uncertainty.rows(0, mavsight_geometry::CAMERA_PARAMETERS * streams.len()).into();
-        let watches = streams.iter().map(|s| CameraWatch::new(s.name.clone(), None)).collect();
+        let watch = |s: &Stream| {
+            let mut watch = CameraWatch::new(s.name.clone(), None);
+            watch.health.frames = s.stamps_ns.len();
+            watch
+        };
+        let watches = streams.iter().map(watch).collect();
         joined(streams, watches, &rig, &Vehicle::paper(), |_| {})
+    }
+
+    /// Twice as many frames as there were were said to show a ball, of the slower of two cameras.
+    #[test]
+    fn a_slow_camera_sees_a_ball_in_no_more_frames_than_it_has() {
+        let exact = CameraClock::default();
+        let tracked = flown(vec![stream(0, exact, 60.0, 0..240), stream(1, exact, 30.0, 0..120)]);
+        let seen = tracked.health.iter().flat_map(|h| &h.markers).map(|m| m.seen);
+        assert!(seen.clone().all(|share| (0.9..1.01).contains(&share)), "{:?}", seen.collect::<Vec<_>>());
     }
 
     fn flown(streams: Vec<Stream>) -> Tracked {

@@ -90,12 +90,11 @@ impl CameraWatch {
         mut self,
         camera: usize,
         of_marker: &[usize],
-        seen: &[usize],
+        seen: &[f64],
     ) -> (CameraHealth, Vec<Finding>) {
-        let frames = self.health.frames.max(1) as f64;
-        let marker = |(color, n): (&usize, &usize)| {
+        let marker = |(color, seen): (&usize, &f64)| {
             let ball = self.balls.get(*color).copied().unwrap_or_default();
-            MarkerHealth { seen: *n as f64 / frames, ball }
+            MarkerHealth { seen: *seen, ball }
         };
         self.health.markers = of_marker.iter().zip(seen).map(marker).collect();
         let name = &self.health.camera;
@@ -188,7 +187,7 @@ mod tests {
             tracker.update(&frame);
             watch.saw(k * 100_000_000, tracker.is_dark());
         }
-        let (health, findings) = watch.finish(&tracker).report(1, &[0], &[4]);
+        let (health, findings) = watch.finish(&tracker).report(1, &[0], &[0.2]);
         assert_eq!((health.frames, health.dark, health.markers[0].seen), (20, 9, 0.2));
         let is_dark = |f: &Finding| f.cause() == Some(Cause::CameraDark) && f.camera == Some(1);
         assert!(findings.len() == 2 && findings.iter().all(is_dark), "{findings:?}");
@@ -215,7 +214,8 @@ mod tests {
     fn nothing_seen_is_nothing_noted() {
         let red = BallColor { name: "red".into(), rgb: [200, 40, 40] };
         let tracker = Tracker::new(&[red], 3.0..=10.0).unwrap();
-        let (health, findings) = CameraWatch::new("cam1".into(), None).finish(&tracker).report(0, &[0], &[0]);
+        let (health, findings) =
+            CameraWatch::new("cam1".into(), None).finish(&tracker).report(0, &[0], &[0.0]);
         assert!(findings.is_empty() && health.markers[0].seen == 0.0);
     }
 }

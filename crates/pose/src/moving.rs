@@ -124,8 +124,7 @@ impl Shared {
                 own.eliminate_changes(first, weight)?;
                 // What the last step, which is not taken, would have gained.
                 own.loss -= own.gain;
-                let determined = n as f64 - weight * covariance.trace();
-                return Some(OutOfStep { reduced: own, pose, determined });
+                return Some(OutOfStep { reduced: own, pose });
             }
             self.lags_s.iter_mut().zip(step.iter()).for_each(|(lag, step)| *lag += step);
         }
@@ -136,8 +135,6 @@ impl Shared {
 pub(crate) struct OutOfStep {
     pub(crate) reduced: Reduced,
     pub(crate) pose: Isometry3<f64>,
-    /// How many of the lags it determines itself.
-    pub(crate) determined: f64,
 }
 
 /// Normal equations of what is shared, with the poses at their minima and eliminated.

@@ -65,6 +65,12 @@ impl PointObservation {
         ImagePoint { camera, pixel: self.pixel, covariance_px2: self.covariance_px2 }
     }
 
+    /// This observation with a factor on its covariance.
+    pub(crate) fn scaled(&self, factor: f64) -> Self {
+        let (covariance_px2, whitener) = (self.covariance_px2 * factor, self.whitener / factor.sqrt());
+        Self { covariance_px2, whitener, ..*self }
+    }
+
     /// This pixel with independent coordinates of a variance.
     pub(crate) fn with_variance(&self, variance_px2: f64) -> Self {
         let unit = Matrix2::identity();

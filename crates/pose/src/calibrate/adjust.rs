@@ -83,9 +83,8 @@ impl Adjustment<'_> {
             models: self.models.to_vec(),
             state,
             variance_factor: factor,
-            freedom: PRIOR_FREEDOM + n
-                - equations.lags
-                - (free - equations.determined_by_priors(&covariance)),
+            // Lags have priors of their own scale in the squares: each adds a square and takes one.
+            freedom: PRIOR_FREEDOM + n - (free - equations.determined_by_priors(&covariance)),
             covariance,
             layout: self.layout.clone(),
             log_evidence: equations.log_prior_weight() + self.log_density_of_outliers() - 0.5 * deviance,

@@ -25,8 +25,6 @@ pub(super) struct Equations {
     /// Coordinates of all pixels that enter.
     pub(super) coordinates: usize,
     pub(super) pose_parameters: usize,
-    /// How many lags of cameras the data determine.
-    pub(super) lags: f64,
     /// Of the normal matrices of those poses, at the variance factor.
     pub(super) log_poses: f64,
 }
@@ -106,7 +104,6 @@ impl<'a> Adjustment<'a> {
                 let own = shared.out_of_step(&near, object.lag_std_s, factor)?;
                 (*pose, *lags_s) = (own.pose, shared.lags_s.clone());
                 reduced.join(&own.reduced);
-                out.lags += own.determined;
             } else {
                 *pose = shared.best_pose(observations, pose, factor)?;
                 reduced.add(&shared, observations, pose, factor)?;

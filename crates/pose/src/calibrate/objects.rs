@@ -19,6 +19,8 @@ use mavsight_geometry::{CAMERA_PARAMETERS, Camera, Isometry3, Vector2, Vector3, 
 /// Robust standard deviations beyond which an observation is dropped: one in a million of normal noise.
 const BEYOND: f64 = 5.3;
 const ROUNDS: usize = 3;
+/// Least factor on covariances: a thousandth of a stated standard deviation is rounding.
+const LEAST_FACTOR: f64 = 1e-6;
 /// Control points from which a camera is started: what the linear transformation needs.
 pub(super) const ENOUGH_POINTS: usize = 6;
 const AXES: usize = 3;
@@ -127,7 +129,8 @@ fn chosen_of(Adjusted { problem, fit }: Adjusted) -> Result<(Problem, Cleaned), 
     Ok((problem, Cleaned { chosen, choice, left_out: Vec::new() }))
 }
 
-/// An adjustment of the least model, then of a bent lens, without observations that disagree beyond chance.
+/// An adjustment of the least model, then of a bent lens, without observations that disagree beyond chance, each object's at
+/// the scale of its own residuals.
 fn without_outliers(mut problem: Problem) -> Result<Adjusted, PoseError> {
     let (choice, n) = (problem.all(), problem.sizes.len());
     let start = problem.start.clone().unwrap_or_default();
@@ -144,25 +147,51 @@ fn without_outliers(mut problem: Problem) -> Result<Adjusted, PoseError> {
         fit = adjust(problem.with(&choice), &now.models, &now.state.cameras);
     }
     let fit = fit.ok_or_else(|| problem.undetermined())?;
+    scale_by_residuals(&mut problem, &fit);
+    let fit = adjust(problem.with(&choice), &fit.models, &fit.state.cameras);
+    let fit = fit.ok_or_else(|| problem.undetermined())?;
     Ok(Adjusted { problem, fit })
+}
+
+/// Brings the covariances of each object's observations to what its residuals show, so that they are about one beside those of the
+/// control points: corners of a board are measured in another way than balls, and there are thousands of them.
+fn scale_by_residuals(problem: &mut Problem, fit: &Fit) {
+    for (k, object) in problem.moved.iter_mut().enumerate() {
+        let squares = squares(object, fit, k).concat();
+        let coordinates = 2.0 * squares.len() as f64;
+        let freedom = coordinates - (object.pose_parameters() * object.places.len()) as f64;
+        if freedom < 1.0 {
+            continue;
+        }
+        let factor = (variance(squares) * coordinates / freedom).max(LEAST_FACTOR);
+        object.places.iter_mut().flat_map(|p| &mut p.observations).for_each(|o| *o = o.scaled(factor));
+    }
+}
+
+/// Squares of the whitened residuals of an object's observations at each of its places.
+fn squares(object: &Moved, fit: &Fit, k: usize) -> Vec<Vec<f64>> {
+    let shared = object.adjusted(&fit.state, k);
+    let of = |(place, (pose, lags_s)): (&Instant, (&Isometry3<f64>, &Vec<f64>))| {
+        let own = Shared { lags_s: lags_s.clone(), ..shared.clone() };
+        let square = |o: &PointObservation| {
+            own.residual_px(o, pose).map_or(f64::INFINITY, |r| (o.whitener * r).norm_squared())
+        };
+        place.observations.iter().map(square).collect()
+    };
+    object.places.iter().zip(fit.state.poses[k].iter().zip(&fit.state.lags_s[k])).map(of).collect()
+}
+
+/// Robust variance of residuals by their squares: the median of a chi-square with two degrees of freedom is 2 ln 2.
+fn variance(squares: Vec<f64>) -> f64 {
+    median(squares) / (2.0 * 2f64.ln())
 }
 
 /// Drops observations that are far off and places without redundancy; the number of dropped observations.
 fn drop_outliers(problem: &mut Problem, fit: &Fit) -> usize {
     let mut dropped = 0;
     for (k, object) in problem.moved.iter_mut().enumerate() {
-        let shared = object.adjusted(&fit.state, k);
-        let squares_of = |(place, (pose, lags_s)): (&Instant, (&Isometry3<f64>, &Vec<f64>))| {
-            let own = Shared { lags_s: lags_s.clone(), ..shared.clone() };
-            let square = |o: &PointObservation| {
-                own.residual_px(o, pose).map_or(f64::INFINITY, |r| (o.whitener * r).norm_squared())
-            };
-            place.observations.iter().map(square).collect::<Vec<f64>>()
-        };
-        let states = fit.state.poses[k].iter().zip(&fit.state.lags_s[k]);
-        let squares: Vec<Vec<f64>> = object.places.iter().zip(states).map(squares_of).collect();
-        // The median of a chi-square with two degrees of freedom is 2 ln 2.
-        let variance = median(squares.concat()) / (2.0 * 2f64.ln());
+        let squares = squares(object, fit, k);
+        let variance = variance(squares.concat());
         let kept = |(place, (squares, pose)): (&Instant, (&Vec<f64>, &Isometry3<f64>))| {
             let own = place.observations.iter().zip(squares);
             let near = own.filter(|(_, square)| **square <= BEYOND * BEYOND * variance);
