@@ -41,7 +41,7 @@ pub use open::open;
 pub use options::{
     BodyAxes, JsonOptions, LiveSection, MavlinkOptions, NatnetOptions, VrpnOptions, ZenohOptions,
 };
-pub use outlet::{Body, Outlet};
+pub use outlet::{Body, Outlet, now_ns};
 pub use priority::give_way;
 pub use rerun::Rerun;
 pub use vrpn::{TURN_S, Vrpn};

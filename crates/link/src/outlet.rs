@@ -1,7 +1,8 @@
 //! What every way out has in common.
 
 use crate::{Event, Fix, LinkError, MarkerView};
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::sync::OnceLock;
+use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 /// A way out of mavsight.
 ///
@@ -49,10 +50,16 @@ impl Body {
     }
 }
 
-pub(crate) fn now_ns() -> i64 {
-    SystemTime::now()
-        .duration_since(UNIX_EPOCH)
-        .map_or(0, |since| i64::try_from(since.as_nanos()).unwrap_or(i64::MAX))
+/// Nanoseconds of the UNIX epoch, by the one clock of all that is sent: what the system's clock showed at the first call,
+/// and the time since. Setting the system's clock later does not change it, so that stamps and answers to who asks for
+/// the time agree.
+pub fn now_ns() -> i64 {
+    static BEGAN: OnceLock<(Instant, i64)> = OnceLock::new();
+    let (began, unix_ns) = BEGAN.get_or_init(|| {
+        let unix = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        (Instant::now(), i64::try_from(unix.as_nanos()).unwrap_or(i64::MAX))
+    });
+    unix_ns.saturating_add(i64::try_from(began.elapsed().as_nanos()).unwrap_or(i64::MAX))
 }
 
 #[cfg(test)]

@@ -42,7 +42,7 @@ impl Flight {
                 if asked.load(Ordering::Relaxed) {
                     return;
                 }
-                let fix = circle::fix(sequence, circle::now_ns());
+                let fix = circle::fix(sequence, mavsight_link::now_ns());
                 outlet.send(&fix).and_then(|()| outlet.event(&circle::event(&fix))).expect("sent");
                 std::thread::sleep(Duration::from_micros(1_000_000 / RATE_HZ));
             }

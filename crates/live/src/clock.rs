@@ -1,13 +1,14 @@
 //! The flight's clock.
 
+use mavsight_link::now_ns;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 
 /// Longest sleep between checks of the flight's end.
 const CHECK: Duration = Duration::from_millis(20);
 
-/// Time of the flight, relative to the system's clock at the beginning of the flight: setting that clock
-/// later does not change it.
+/// Time of the flight, relative to the clock of all that is sent ([`now_ns`]): setting the system's clock does not
+/// change it.
 ///
 /// Stamps by the system's clock, as of cameras over a network, jump when that clock is set; frames whose
 /// stamps go back are skipped and reported. A flight of running cameras begins at 0, a replay at the first
@@ -24,9 +25,7 @@ pub struct FlightClock {
 impl FlightClock {
     /// A clock that shows `from_ns` now.
     pub fn starting_at(from_ns: i64) -> Self {
-        let unix = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or(Duration::ZERO);
-        let unix_ns = i64::try_from(unix.as_nanos()).unwrap_or(i64::MAX);
-        Self { began: Instant::now(), from_ns, origin_ns: unix_ns.saturating_sub(from_ns) }
+        Self { began: Instant::now(), from_ns, origin_ns: now_ns().saturating_sub(from_ns) }
     }
 
     /// Flight time now.
@@ -68,6 +67,7 @@ impl FlightClock {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::time::{SystemTime, UNIX_EPOCH};
 
     #[test]
     fn it_goes_on_and_knows_the_date() {
@@ -77,6 +77,8 @@ mod tests {
         assert_eq!(clock.flight_ns(clock.unix_ns(77)), 77);
         let unix = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_nanos() as i64;
         assert!((clock.unix_ns(clock.now_ns()) - unix).abs() < 50_000_000);
+        // Stamps and answers to TIMESYNC are by one clock.
+        assert!((clock.unix_ns(clock.now_ns()) - now_ns()).abs() < 50_000_000);
         assert_eq!(clock.until(0), Duration::ZERO);
         assert!(clock.until(10_000_000_000) > Duration::from_secs(4));
     }

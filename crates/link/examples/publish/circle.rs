@@ -7,7 +7,6 @@
 use mavsight_geometry::{EulerAngles, Matrix6, Vector3, world_from_body, world_from_level};
 use mavsight_link::{Event, Fix, MarkerView, Measured, Moving, PoseEvent, Scene, Tracking};
 use std::f64::consts::{FRAC_PI_2, TAU};
-use std::time::{SystemTime, UNIX_EPOCH};
 
 const PERIOD_NS: i64 = 4_000_000_000;
 const CYCLE_NS: i64 = 2_000_000_000;
@@ -17,11 +16,6 @@ const RADIUS_M: f64 = 0.8;
 const WAVE_M: f64 = 0.1;
 const PHI_RAD: f64 = 0.3;
 const THETA_RAD: f64 = 0.1;
-
-/// Nanoseconds of the UNIX epoch.
-pub(crate) fn now_ns() -> i64 {
-    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |t| i64::try_from(t.as_nanos()).unwrap_or(0))
-}
 
 /// The covariance: diag(1…6) mm or mrad, and something off the diagonal, squared.
 fn covariance() -> Matrix6<f64> {

@@ -28,7 +28,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     for sequence in 0..(seconds * rate_hz) as u64 {
         let due = Duration::from_secs_f64(sequence as f64 / rate_hz);
         std::thread::sleep(due.saturating_sub(begun.elapsed()));
-        let fix = circle::fix(sequence, circle::now_ns());
+        let fix = circle::fix(sequence, mavsight_link::now_ns());
         let event = circle::event(&fix);
         for (outlet, took_us) in outlets.iter_mut().zip(&mut took_us) {
             let at = Instant::now();
