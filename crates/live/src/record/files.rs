@@ -1,6 +1,7 @@
 //! The files of a session, copied into the folder of its recording.
 
-use mavsight_session::SessionFile;
+use mavsight_flight::VehicleFile;
+use mavsight_session::{SessionFile, load_vehicle, read_toml, write_vehicle};
 use std::path::{Path, PathBuf};
 
 /// Copies the files that a session names, its recordings excepted, and makes their paths those of the copies.
@@ -11,14 +12,30 @@ pub(super) fn copy_files(session: &mut SessionFile, base: &Path, folder: &Path) 
         let observations = c.observations.as_mut();
         std::iter::once(&mut c.points).chain(observations)
     });
-    let files = [&mut session.vehicle, &mut session.inputs].into_iter().chain(&mut session.model);
-    for path in files.chain(rig).chain(control).chain(stills) {
+    let log = session.log.iter_mut().map(|log| &mut log.file);
+    let tables = std::iter::once(&mut session.inputs).chain(&mut session.sensors).chain(log);
+    copy_vehicle(folder, base, &mut session.vehicle)?;
+    for path in tables.chain(&mut session.model).chain(rig).chain(control).chain(stills) {
         copy_in(folder, base, path)?;
     }
     for camera in &mut session.camera {
         for path in [&mut camera.wand, &mut camera.board].into_iter().flatten() {
             *path = base.join(&path);
         }
+    }
+    Ok(())
+}
+
+/// Copies the vehicle file, and beside it the model file that it names, if it names one.
+fn copy_vehicle(folder: &Path, base: &Path, path: &mut PathBuf) -> Result<(), String> {
+    let from = base.join(&path);
+    copy_in(folder, base, path)?;
+    let to = folder.join(&path);
+    let file: VehicleFile = read_toml(&to, "vehicle file").map_err(|e| e.to_string())?;
+    let has_model = file.model.is_some_and(|name| from.with_file_name(name).is_file());
+    if has_model && to != from {
+        let written = load_vehicle(&from).and_then(|vehicle| write_vehicle(&to, &vehicle));
+        written.map_err(|e| e.to_string())?;
     }
     Ok(())
 }

@@ -4,6 +4,7 @@ use crate::common::{film, rig, setup};
 use mavsight_flight::Vehicle;
 use mavsight_link::Event;
 use mavsight_live::{CameraSetup, FlightClock, Pace, RecordedSession, Recorder, RecorderSlot, fly};
+use mavsight_session::logs::LogSection;
 use mavsight_session::{
     ControlSection, FrameSource, RigSection, SESSION_SCHEMA, Session, SessionCamera, SessionFile,
 };
@@ -111,6 +112,32 @@ fn a_recording_has_the_cameras_of_its_rig_file() {
     drop(from);
     let recorded = Session::load(&folder.join("session.toml")).unwrap();
     assert_eq!(recorded.file.rig.map(|r| r.file), Some(folder.join("rig.toml")));
+}
+
+/// A log, a table of sensors, and a model file elsewhere that the vehicle names.
+#[test]
+fn a_recording_has_all_files_that_its_session_names() {
+    let (from, to) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let base = session(from.path());
+    let vehicle = Vehicle::paper();
+    std::fs::create_dir(from.path().join("models")).unwrap();
+    std::fs::write(from.path().join("models/own.toml"), &vehicle.model.definition).unwrap();
+    let text = std::fs::read_to_string(&base.vehicle).unwrap();
+    let named = text.replace("model = \"coaxial\"", "model = \"models/own.toml\"");
+    assert_ne!(named, text);
+    std::fs::write(&base.vehicle, named).unwrap();
+    std::fs::write(from.path().join("log.csv"), "t_s,a\n0,1\n").unwrap();
+    std::fs::write(from.path().join("sensors.csv"), "t_s\n0\n").unwrap();
+    let log = LogSection { file: "log.csv".into(), ..LogSection::default() };
+    let session = SessionFile { log: Some(log), sensors: Some("sensors.csv".into()), ..base };
+    let folder = to.path().join("flight");
+    let of = RecordedSession { base: from.path().to_owned(), ..recorded(session) };
+    Recorder::begin(&folder, of).unwrap().finish();
+    drop(from);
+    let recorded = Session::load(&folder).unwrap();
+    assert_eq!(recorded.vehicle.model.definition, vehicle.model.definition);
+    assert_eq!(recorded.file.sensors, Some(folder.join("sensors.csv")));
+    assert_eq!(recorded.file.log.map(|log| log.file), Some(folder.join("log.csv")));
 }
 
 #[cfg(target_os = "linux")]

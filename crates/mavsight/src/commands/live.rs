@@ -75,7 +75,7 @@ fn recorded(session: &Session, args: &Live) -> Result<RecordedSession> {
     let mut file: SessionFile = read_toml(&session.path, "session file")?;
     if !args.replay {
         // They are of another flight.
-        file.inputs = PathBuf::new();
+        (file.inputs, file.log, file.sensors) = (PathBuf::new(), None, None);
     }
     let folder = session.path.parent().unwrap_or(Path::new(""));
     let base = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
