@@ -10,7 +10,8 @@
 //! | `notes`, `tracking` | `TextLog` |
 //!
 //! Timelines: `t`, since the flight began, and `captured`, by this machine's clock. Poses are in Rerun's
-//! single precision, scalars in double. Rows go to the file once a second; a kill loses what has come since.
+//! single precision, scalars in double. Rows go to the file once a second of flight; a kill loses what has come
+//! since.
 
 mod columns;
 mod file;
@@ -22,8 +23,8 @@ use file::RrdFile;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Rows that wait before they are written: they share a head of two kilobytes.
-const ROWS: usize = 60;
+/// Time of which rows wait before they are written: they share a head of two kilobytes.
+const KEPT_S: f64 = 1.0;
 
 /// Writes what happens into a file.
 pub struct Rerun {
@@ -45,7 +46,7 @@ impl Rerun {
         let axes = lists([1], fixed::<3>(UInt8Array::from(vec![3, 5, 1])));
         let column = component("ViewCoordinates", "xyz", "ViewCoordinates", axes);
         file.chunk("/world", 1, vec![column]).map_err(refused)?;
-        Ok(Self { path: path.to_owned(), file, poses: Vec::with_capacity(ROWS), tracking: None })
+        Ok(Self { path: path.to_owned(), file, poses: Vec::new(), tracking: None })
     }
 
     fn scene(&mut self, scene: &Scene) -> io::Result<()> {
@@ -117,7 +118,8 @@ impl Rerun {
                 if self.tracking.replace(pose.tracking) != Some(pose.tracking) {
                     self.text("/tracking", pose.t_s, &format!("{:?}", pose.tracking).to_lowercase())?;
                 }
-                if self.poses.len() >= ROWS { self.flush() } else { Ok(()) }
+                let is_due = self.poses.first().is_some_and(|first| pose.t_s - first.t_s >= KEPT_S);
+                if is_due { self.flush() } else { Ok(()) }
             }
             Event::Note { t_s, text, .. } => self.text("/notes", *t_s, text),
             _ => Ok(()),
@@ -199,6 +201,21 @@ mod tests {
         };
         assert_eq!(transforms(&[pose(None), pose(None)]), 0);
         assert_eq!(transforms(&[pose(None), pose(Some([1.0, 2.0, 3.0]))]), 1);
+        std::fs::remove_file(&path).expect("removed");
+    }
+
+    #[test]
+    fn rows_are_written_once_a_second_at_any_rate() {
+        let path = std::env::temp_dir().join(format!("mavsight-rerun-slow-{}.rrd", std::process::id()));
+        let mut outlet = Rerun::create(&path).expect("a file");
+        for k in 0..12 {
+            let Event::Pose(pose) = pose(Some([1.0, 2.0, 3.0])) else { panic!("a pose") };
+            outlet
+                .event(&Event::Pose(Box::new(PoseEvent { t_s: 0.1 * f64::from(k), ..*pose })))
+                .expect("written");
+        }
+        let bytes = std::fs::read(&path).expect("the file");
+        assert!(bytes.windows(12).any(|w| w == b":translation") && outlet.poses.len() == 1);
         std::fs::remove_file(&path).expect("removed");
     }
 
