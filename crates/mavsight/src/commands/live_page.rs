@@ -146,14 +146,16 @@ impl<B: Fn(&Path) -> Result<Recorder>> Page<B> {
             .iter()
             .map(|(name, said)| format!("{name}: {}", said.as_deref().unwrap_or("nothing yet")))
             .collect();
-        let pose = match self.latest.as_ref().map(|p| (p.residual_px, p.latency_ms)) {
-            Some((Some(residual_px), latency_ms)) => {
-                format!("residual {residual_px:.2} px, latency {latency_ms:.1} ms")
-            }
-            _ => "no pose".to_owned(),
-        };
-        format!("{}; {pose}.", cameras.join("; "))
+        format!("{}; {}.", cameras.join("; "), pose_words(self.latest.as_deref()))
     }
+}
+
+/// How good a pose is; one without redundancy has no residual.
+fn pose_words(pose: Option<&PoseEvent>) -> String {
+    let Some(pose) = pose.filter(|p| p.valid) else { return "no pose".to_owned() };
+    let residual =
+        pose.residual_px.map_or_else(|| "no residual".to_owned(), |px| format!("residual {px:.2} px"));
+    format!("{residual}, latency {:.1} ms", pose.latency_ms)
 }
 
 impl<B: Fn(&Path) -> Result<Recorder> + Send> Listener for Page<B> {
