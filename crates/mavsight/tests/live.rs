@@ -153,5 +153,6 @@ fn wrong_calls_are_refused_with_a_remedy() {
     assert!(refused(&["session.toml", "--replay", "--for", "-1"]).contains("above zero"));
     assert!(refused(&["session.toml", "--virtual"]).contains("cannot be used with"));
     assert!(refused(&["--virtual", "--rate", "0"]).contains("frames a second"));
+    assert!(refused(&["session.toml", "--replay", "--rate", "30"]).contains("cannot be used with"));
     refused(&[]);
 }

@@ -59,13 +59,13 @@ pub(crate) struct Live {
     #[cfg(feature = "page")]
     #[arg(long, value_name = "IP:PORT", num_args = 0..=1)]
     pub(crate) serve: Option<Option<std::net::SocketAddr>>,
-    /// Frames a second of the virtual room
-    #[arg(long, value_name = "HZ", default_value_t = 60.0)]
+    /// Frames a second of the virtual room; with --virtual
+    #[arg(long, value_name = "HZ", default_value_t = 60.0, conflicts_with = "session")]
     pub(crate) rate: f64,
-    /// Size of the virtual room's images, such as 1920x1080
-    #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = size)]
+    /// Size of the virtual room's images, such as 1920x1080; with --virtual
+    #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = size, conflicts_with = "session")]
     pub(crate) size: ImageSize,
-    /// Seed of the virtual room
-    #[arg(long, default_value_t = 1)]
+    /// Seed of the virtual room; with --virtual
+    #[arg(long, default_value_t = 1, conflicts_with = "session")]
     pub(crate) seed: u64,
 }
