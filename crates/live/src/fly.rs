@@ -66,7 +66,7 @@ pub fn fly(mut setup: Setup<'_>) -> Result<FlightSummary, LiveError> {
         setup,
     };
     let scene = events::scene(flight.setup.name, flight.setup.rig, flight.setup.vehicle);
-    flight.setup.listeners.event(Event::Scene(scene));
+    flight.setup.send(Event::Scene(scene));
     flight.run(&reports);
     Ok(flight.finish(&reports))
 }
@@ -193,7 +193,7 @@ impl Flight<'_> {
         self.summary.missing = self.status.iter().map(|s| s.missing).collect();
         self.cameras.into_iter().for_each(Camera::finish);
         if let Some(event) = self.parameters.and_then(Parameters::finish) {
-            self.setup.listeners.event(event);
+            self.setup.send(event);
         }
         if let Some(recorder) = self.setup.recorder.current() {
             recorder.finish();

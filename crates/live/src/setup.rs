@@ -4,6 +4,7 @@ use crate::source::Replay;
 use crate::{FlightClock, InputSource, Latencies, Listeners, Opener, RecorderSlot, Source};
 use mavsight_flight::Vehicle;
 use mavsight_geometry::Vector2;
+use mavsight_link::Event;
 use mavsight_pose::{CameraClock, MotionNoise, Rig, TrackedDetection};
 use mavsight_vision::Frame;
 use std::fmt::Display;
@@ -87,6 +88,16 @@ pub struct Setup<'a> {
     pub stop: Arc<AtomicBool>,
     /// Length of the flight, if limited.
     pub for_ns: Option<i64>,
+}
+
+impl Setup<'_> {
+    /// Sends an event to all listeners, and records it.
+    pub(crate) fn send(&self, event: Event) {
+        if let Some(recorder) = self.recorder.current() {
+            recorder.sent(&event);
+        }
+        self.listeners.event(event);
+    }
 }
 
 /// The summary of a finished flight.

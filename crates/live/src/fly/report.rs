@@ -11,7 +11,6 @@ const REPORT_NS: i64 = 1_000_000_000;
 
 impl Flight<'_> {
     pub(super) fn report_instants(&mut self) {
-        let recorder = self.setup.recorder.current();
         while let Some(instant) = self.pipeline.next_instant() {
             let sample = &instant.association.sample;
             for (camera, status) in self.status.iter_mut().enumerate() {
@@ -53,10 +52,7 @@ impl Flight<'_> {
             }
             let error = sample.estimate.as_ref().err();
             let pose = events::pose(&fix, instant.t_ns, tracking, latency_ns, error);
-            if let Some(recorder) = &recorder {
-                recorder.sent(&pose);
-            }
-            self.setup.listeners.event(pose);
+            self.setup.send(pose);
             for camera in newly_blind(&instant, &self.setup, &mut self.status) {
                 let name = &self.setup.rig.cameras[camera].name;
                 let text = format!(
@@ -64,7 +60,7 @@ impl Flight<'_> {
                      and at what is before it."
                 );
                 let t_s = self.setup.clock.now_ns() as f64 * 1e-9;
-                self.setup.listeners.event(Event::Note { t_s, fault: true, text });
+                self.setup.send(Event::Note { t_s, fault: true, text });
             }
             let detections = events::detections(&instant, self.setup.rig, self.setup.vehicle);
             detections.for_each(|e| self.setup.listeners.event(e));
@@ -87,7 +83,7 @@ impl Flight<'_> {
     /// Rates, latencies and parameters, once a second.
     pub(super) fn report_rates(&mut self) {
         if let Some(event) = self.parameters.as_ref().and_then(Parameters::latest) {
-            self.setup.listeners.event(event);
+            self.setup.send(event);
         }
         if let Some(event) = self.setup.recorder.current().and_then(|r| r.news()) {
             self.setup.listeners.event(event);
@@ -122,15 +118,12 @@ impl Flight<'_> {
             markers: status.markers.iter().map(share).collect(),
             reason: status.reason(state, now_ns),
         };
-        if let Some(recorder) = self.setup.recorder.current() {
-            recorder.sent(&event);
-        }
-        self.setup.listeners.event(event);
+        self.setup.send(event);
     }
 
     pub(super) fn note(&mut self, fault: bool, text: String) {
         let t_s = self.now_ns() as f64 * 1e-9;
-        self.setup.listeners.event(Event::Note { t_s, fault, text });
+        self.setup.send(Event::Note { t_s, fault, text });
     }
 }
 

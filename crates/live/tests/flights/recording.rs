@@ -85,6 +85,7 @@ fn a_recording_is_a_session_with_the_frames_that_came() {
     assert_eq!(lines("detected.ndjson").len(), 40);
     let sent = lines("sent.ndjson");
     assert_eq!(sent.iter().filter(|e| e["event"] == "pose").count(), 20);
+    assert_eq!(sent[0]["event"], "scene");
     let Some(Event::Recording { seconds, bytes, fault, .. }) =
         events.iter().rev().find(|e| matches!(e, Event::Recording { .. }))
     else {
