@@ -6,7 +6,7 @@ mod report;
 use crate::camera::{Camera, Report, Seen, Shared};
 use crate::motion::MotionFilter;
 use crate::parameters::Parameters;
-use crate::setup::{FlightSummary, Pace, Setup};
+use crate::setup::{CameraSetup, FlightSummary, Pace, Setup};
 use crate::status::CameraStatus;
 use crate::tracking::TrackingState;
 use crate::{LiveError, LivePipeline, events};
@@ -36,6 +36,12 @@ pub fn fly(mut setup: Setup<'_>) -> Result<FlightSummary, LiveError> {
     taps.push(setup.recorder.tap());
     let (clock, pace, stop) = (setup.clock, setup.pace, Arc::clone(&setup.stop));
     let shared = Shared { clock, pace, stop, reports: reports_out, taps };
+    let status = |c: &CameraSetup| {
+        let mut status = CameraStatus::new(setup.vehicle.marker.len());
+        status.is_played = !c.reopens;
+        status
+    };
+    let status = own.iter().map(status).collect();
     let clocks: Vec<_> = own.iter().map(|c| (c.clock, c.readout)).collect();
     let tracker = |k| CameraTracker::new(setup.rig, k, setup.vehicle);
     let trackers = (0..cameras).map(tracker).collect::<Result<Vec<_>, _>>()?;
@@ -52,7 +58,7 @@ pub fn fly(mut setup: Setup<'_>) -> Result<FlightSummary, LiveError> {
     let mut flight = Flight {
         until_ns: setup.for_ns.map(|n| setup.clock.from_ns().saturating_add(n)),
         parameters,
-        status: (0..cameras).map(|_| CameraStatus::new(setup.vehicle.marker.len())).collect(),
+        status,
         cameras: flying,
         pipeline,
         motion,

@@ -41,6 +41,8 @@ fn is_due(reported_ns: &mut Option<i64>, now_ns: i64) -> bool {
 #[derive(Debug, Default)]
 pub(crate) struct CameraStatus {
     pub(crate) interval_ns: i64,
+    /// Whether its frames are recorded or rendered: no cable and no exposure keeps them.
+    pub(crate) is_played: bool,
     last_frame_ns: Option<i64>,
     gone: Option<String>,
     /// Whether it is gone for good.
@@ -228,8 +230,14 @@ impl CameraStatus {
                 "one image comes over and over: what sends it hangs; switch it off and on".to_owned()
             }
             CameraState::Stalled => format!(
-                "no frame for {:.0} ms and more: look at its cable and the load of this computer",
-                1e-6 * STALLED_INTERVALS * self.interval_ns as f64
+                "no frame for {:.0} ms and more: {}",
+                1e-6 * STALLED_INTERVALS * self.interval_ns as f64,
+                if self.is_played {
+                    "this computer reads or renders its images too slowly: close other programs; of the virtual room \
+                     take fewer or smaller ones (--rate, --size)"
+                } else {
+                    "look at its cable and the load of this computer"
+                }
             ),
             CameraState::Gone => {
                 let why = self.gone.as_deref().unwrap_or("its source has ended");
@@ -301,6 +309,10 @@ mod tests {
         assert_eq!(change(&mut camera, 1000), Some(CameraState::Running));
         assert_eq!(change(&mut camera, 1000 + 5 * STEP / 2 - 10), None);
         assert_eq!(change(&mut camera, 1000 + 5 * STEP / 2 + 10), Some(CameraState::Stalled));
+        let remedy = |camera: &CameraStatus| camera.reason(CameraState::Stalled, 0).unwrap();
+        assert!(remedy(&camera).contains("cable"));
+        camera.is_played = true;
+        assert!(remedy(&camera).contains("--rate") && !remedy(&camera).contains("cable"));
         camera.gone("the cable is off".into());
         assert_eq!(change(&mut camera, 1000), Some(CameraState::Gone));
         assert!(camera.reason(CameraState::Gone, 1000).is_some_and(|r| r.contains("the cable is off")));

@@ -17,6 +17,12 @@ const BEGIN_NS: i64 = 2_000_000_000;
 /// Intervals by which others are ahead of a camera that has ended when this is reported.
 const ENDED_INTERVALS: i64 = 2;
 
+/// What to look at where a frame never came, from a camera and otherwise.
+const LOOK: &str = "Look at its cable, at what else uses its bus or network or loads this computer, and whether its exposure is \
+                    longer than its interval";
+const NOT_RECORDED: &str = "Its recording lacks it, or this computer renders the virtual room too slowly: take fewer or smaller \
+                            images (--rate, --size)";
+
 impl Flight<'_> {
     /// Longest wait for a report before something else is due.
     pub(super) fn patience(&self) -> Duration {
@@ -87,13 +93,15 @@ impl Flight<'_> {
         let (now_ns, dropped) = (self.now_ns(), self.cameras[camera].dropped());
         let status = &mut self.status[camera];
         let Some(found) = status.lacks_before(t_ns, dropped, now_ns) else { return };
-        let missing = status.missing;
+        let (missing, is_played) = (status.missing, status.is_played);
         let name = &self.setup.rig.cameras[camera].name;
         let text = match found {
-            Lacking::Missing => format!(
-                "{name}: a frame did not come in its turn, and the one after it did ({missing} missing so far). Look at its cable, \
-                 at what else uses its bus or network or loads this computer, and whether its exposure is longer than its interval."
-            ),
+            Lacking::Missing => {
+                let look = if is_played { NOT_RECORDED } else { LOOK };
+                format!(
+                    "{name}: a frame did not come in its turn, and the one after it did ({missing} missing so far). {look}."
+                )
+            }
             Lacking::Dropped => format!(
                 "{name}: a frame was dropped, as newer ones were there already ({dropped} so far): frames come several at once, or \
                  this computer is too slow. Look at its network; close other programs, or take fewer or smaller images a second."
