@@ -88,7 +88,8 @@ impl LogAlignment {
 /// Finds the clock of a log and the attitude of its gyroscope in the body, from the turns between measured poses that follow each
 /// other within half a second.
 ///
-/// The gyroscope is integrated between the times of two poses, its rates joined by lines. What both say of the turn differs by
+/// The gyroscope is integrated between the times of two poses, its rates joined by lines; a turn that a hole of the log touches
+/// is left out. What both say of the turn differs by
 /// the errors of the poses, which two neighbouring turns share with the opposite sign, and by the noise of the gyroscope, which
 /// is taken from its samples. Clock, drift, attitude, bias and scale follow by weighted least squares (Gauss-Newton; the
 /// unknowns are those of Kelly & Sukhatme 2011 and Furgale, Rehder & Siegwart 2013, without a camera's). The start is found
@@ -270,12 +271,11 @@ impl Problem<'_> {
         }
     }
 
-    /// None outside the log.
+    /// None outside of the log and where a hole of it touches the turn.
     fn residual(&self, turn: &PoseTurn, point: &Point, turned: &Turned<'_>) -> Option<Residual> {
         let log_s = |t_s: f64| t_s + point.offset_s + point.drift * (t_s - self.at_s);
-        let (from, rate_from) = turned.at(log_s(turn.from_s))?;
-        let (to, rate_to) = turned.at(log_s(turn.to_s))?;
-        let of_sensor = from.inverse() * to;
+        let [from, to] = turned.between(log_s(turn.from_s), log_s(turn.to_s))?;
+        let of_sensor = from.attitude.inverse() * to.attitude;
         let c = point.body_from_sensor;
         let predicted = c * of_sensor * c.inverse();
         let value = (turn.turned.inverse() * predicted).scaled_axis();
@@ -283,7 +283,7 @@ impl Problem<'_> {
         let c = c.to_rotation_matrix().into_inner();
         let back = back.to_rotation_matrix().into_inner();
         let mut by = SMatrix::<f64, 3, UNKNOWNS>::zeros();
-        let (body_from, body_to) = (c * rate_from, c * rate_to);
+        let (body_from, body_to) = (c * from.rate_rad_s, c * to.rate_rad_s);
         by.set_column(0, &(body_to - back * body_from));
         by.set_column(1, &(body_to * (turn.to_s - self.at_s) - back * body_from * (turn.from_s - self.at_s)));
         by.fixed_view_mut::<3, 3>(0, TURN).copy_from(&(back - Matrix3::identity()));

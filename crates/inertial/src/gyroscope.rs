@@ -3,6 +3,10 @@
 use crate::InertialError;
 use mavsight_geometry::{UnitQuaternion, Vector3};
 
+/// Steps between samples that are longer than this many usual ones, by their median, are holes: what turned meanwhile, no sample
+/// shows.
+const LONGER: i64 = 3;
+
 /// Samples of a gyroscope at increasing times by the clock of its log, in its own axes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GyroscopeSeries {
@@ -55,11 +59,32 @@ impl GyroscopeSeries {
         (*squares.select_nth_unstable_by(middle, f64::total_cmp).1 / 0.4549).sqrt()
     }
 
+    /// The number of holes before each sample.
+    fn holes(&self) -> Vec<u32> {
+        let mut steps_ns: Vec<i64> = self.times_ns.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        let middle = steps_ns.len() / 2;
+        let longest_ns = steps_ns.select_nth_unstable(middle).1.saturating_mul(LONGER);
+        let mut count = 0;
+        let later = self.times_ns.windows(2).map(|pair| {
+            count += u32::from(pair[1] - pair[0] > longest_ns);
+            count
+        });
+        std::iter::once(0).chain(later).collect()
+    }
+
     /// Mean time from one sample to the next.
     pub(crate) fn interval_s(&self) -> f64 {
         let span_ns = self.times_ns[self.times_ns.len() - 1] - self.times_ns[0];
         span_ns as f64 * 1e-9 / (self.times_ns.len() - 1) as f64
     }
+}
+
+/// Where the sensor is in its own turns at a time.
+pub(crate) struct Instant {
+    pub(crate) attitude: UnitQuaternion<f64>,
+    pub(crate) rate_rad_s: Vector3<f64>,
+    /// Holes of the log before.
+    holes: u32,
 }
 
 /// What is not right of a gyroscope's rates: true rates are (measured - bias) times 1 + scale, axis by axis.
@@ -69,16 +94,19 @@ pub(crate) struct RateErrors {
     pub(crate) scale: Vector3<f64>,
 }
 
-/// The sensor's attitude over its log, from its first sample on; rates are joined by lines.
+/// The sensor's attitude over its log, from its first sample on; rates are joined by lines, and nothing is known across holes.
 pub(crate) struct Turned<'a> {
     series: &'a GyroscopeSeries,
     errors: RateErrors,
     attitudes: Vec<UnitQuaternion<f64>>,
+    /// Number of holes before each sample.
+    holes: Vec<u32>,
 }
 
 impl<'a> Turned<'a> {
     pub(crate) fn new(series: &'a GyroscopeSeries, errors: RateErrors) -> Self {
-        let mut out = Self { series, errors, attitudes: Vec::with_capacity(series.times_ns.len()) };
+        let holes = series.holes();
+        let mut out = Self { series, errors, attitudes: Vec::with_capacity(series.times_ns.len()), holes };
         let mut attitude = UnitQuaternion::identity();
         out.attitudes.push(attitude);
         for k in 0..series.times_ns.len() - 1 {
@@ -95,8 +123,14 @@ impl<'a> Turned<'a> {
         (self.series.rates_rad_s[k] - bias_rad_s).component_mul(&scale.add_scalar(1.0))
     }
 
-    /// Attitude and rate at a time by the log's clock; none outside the log.
-    pub(crate) fn at(&self, t_s: f64) -> Option<(UnitQuaternion<f64>, Vector3<f64>)> {
+    /// Two times by the log's clock; none where one of them is outside of the log, or a hole is at or between them.
+    pub(crate) fn between(&self, from_s: f64, to_s: f64) -> Option<[Instant; 2]> {
+        let (from, to) = (self.at(from_s)?, self.at(to_s)?);
+        (from.holes == to.holes).then_some([from, to])
+    }
+
+    /// A time by the log's clock; none outside of the log and in a hole.
+    fn at(&self, t_s: f64) -> Option<Instant> {
         let times = &self.series.times_ns;
         let t_ns = t_s * 1e9;
         let after = times.partition_point(|t| (*t as f64) <= t_ns);
@@ -104,12 +138,17 @@ impl<'a> Turned<'a> {
             return None;
         }
         let before = after - 1;
+        let holes = self.holes[before];
+        if self.holes[after] != holes {
+            return None;
+        }
         let span_ns = (times[after] - times[before]) as f64;
         let since_ns = t_ns - times[before] as f64;
         let (from, to) = (self.rate_of(before), self.rate_of(after));
-        let rate = from + (to - from) * (since_ns / span_ns);
-        let turn = 0.5 * (from + rate) * (since_ns * 1e-9);
-        Some((self.attitudes[before] * UnitQuaternion::from_scaled_axis(turn), rate))
+        let rate_rad_s = from + (to - from) * (since_ns / span_ns);
+        let turn = 0.5 * (from + rate_rad_s) * (since_ns * 1e-9);
+        let attitude = self.attitudes[before] * UnitQuaternion::from_scaled_axis(turn);
+        Some(Instant { attitude, rate_rad_s, holes })
     }
 }
 
@@ -132,10 +171,22 @@ mod tests {
         let rate = Vector3::new(0.3, -0.4, 1.2);
         let measured = series(|_| rate);
         let turned = Turned::new(&measured, NONE);
-        let (attitude, at) = turned.at(0.7512).expect("within");
-        assert!((attitude.scaled_axis() - rate * 0.7512).norm() < 1e-12);
-        assert!((at - rate).norm() < 1e-12);
+        let at = turned.at(0.7512).expect("within");
+        assert!((at.attitude.scaled_axis() - rate * 0.7512).norm() < 1e-12);
+        assert!((at.rate_rad_s - rate).norm() < 1e-12);
         assert!(turned.at(-0.1).is_none() && turned.at(1.1).is_none());
+    }
+
+    /// Steps of three usual ones are jitter, longer ones are holes, and what is beside these remains known.
+    #[test]
+    fn nothing_is_known_across_a_hole() {
+        let times_ns: Vec<i64> = (0..100).chain(102..200).chain(203..300).map(|k| k * 2_500_000).collect();
+        let rates = vec![Vector3::new(0.3, -0.4, 1.2); times_ns.len()];
+        let measured = GyroscopeSeries::new(times_ns, rates).expect("a series");
+        let turned = Turned::new(&measured, NONE);
+        assert!(turned.between(0.2, 0.4).is_some() && turned.between(0.51, 0.7).is_some());
+        assert!(turned.between(0.4, 0.6).is_none());
+        assert!(turned.at(0.501).is_none() && turned.at(0.2505).is_some());
     }
 
     #[test]
@@ -146,7 +197,7 @@ mod tests {
         };
         let rate = Vector3::new(0.3, -0.4, 1.2);
         let measured = series(|_| rate.component_div(&errors.scale.add_scalar(1.0)) + errors.bias_rad_s);
-        let attitude = Turned::new(&measured, errors).at(0.5).expect("within").0;
+        let attitude = Turned::new(&measured, errors).at(0.5).expect("within").attitude;
         assert!((attitude.scaled_axis() - rate * 0.5).norm() < 1e-12);
     }
 

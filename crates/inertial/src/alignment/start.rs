@@ -111,10 +111,11 @@ fn most_turning(rates: &[MeanRate]) -> &[MeanRate] {
     best.unwrap_or(stretch(0))
 }
 
-/// Mean rates of the sensor over windows as long as those of the poses, which begin [`STEP_S`] apart.
+/// Mean rates of the sensor over windows as long as those of the poses, which begin [`STEP_S`] apart; none where a hole of the
+/// log is in the window.
 struct SensorRates {
     first_s: f64,
-    rates_rad_s: Vec<Vector3<f64>>,
+    rates_rad_s: Vec<Option<Vector3<f64>>>,
     window_s: f64,
 }
 
@@ -124,13 +125,16 @@ impl SensorRates {
             Turned::new(gyroscope, RateErrors { bias_rad_s: Vector3::zeros(), scale: Vector3::zeros() });
         let window_s = like.iter().map(|r| r.to_s - r.from_s).sum::<f64>() / like.len().max(1) as f64;
         // Not at the first sample itself, where rounding of the time decides whether it is within the log.
-        let first_s = gyroscope.times_ns()[0] as f64 * 1e-9 + STEP_S;
+        let times_ns = gyroscope.times_ns();
+        let first_s = times_ns[0] as f64 * 1e-9 + STEP_S;
+        let last_s = times_ns[times_ns.len() - 1] as f64 * 1e-9;
         let mean_rate = |k: usize| {
             let from_s = first_s + k as f64 * STEP_S;
-            let (from, to) = (turned.at(from_s)?.0, turned.at(from_s + window_s)?.0);
-            Some((from.inverse() * to).scaled_axis() / window_s)
+            let [from, to] = turned.between(from_s, from_s + window_s)?;
+            Some((from.attitude.inverse() * to.attitude).scaled_axis() / window_s)
         };
-        Self { first_s, rates_rad_s: (0..).map_while(mean_rate).collect(), window_s }
+        let windows = ((last_s - window_s - first_s) / STEP_S).ceil().max(0.0) as usize;
+        Self { first_s, rates_rad_s: (0..windows).map(mean_rate).collect(), window_s }
     }
 
     fn span_s(&self) -> (f64, f64) {
@@ -140,7 +144,7 @@ impl SensorRates {
     /// The rate of the window that begins nearest to a time.
     fn at(&self, t_s: f64) -> Option<Vector3<f64>> {
         let place = ((t_s - self.first_s) / STEP_S).round();
-        if place < 0.0 { None } else { self.rates_rad_s.get(place as usize).copied() }
+        if place < 0.0 { None } else { self.rates_rad_s.get(place as usize).copied().flatten() }
     }
 }
 
