@@ -226,8 +226,11 @@ impl Planner {
         format!("cam{}", k + 1)
     }
 
-    /// Diameter of a ball's image, px, or why it does not count as seen. A point has none.
-    fn seen(
+    /// Diameter of a ball's image, px; a point has none.
+    ///
+    /// # Errors
+    /// Why the ball does not count as seen by a camera of this type.
+    pub fn seen(
         &self,
         kind: &CameraType,
         camera: &Camera,

@@ -284,6 +284,8 @@ impl Cell {
         let mut normal2 = |std: f64| Vector2::new(std * random.normal(), std * random.normal());
         let bias: Vec<Vector2<f64>> =
             (0..real.len() * markers.len()).map(|_| normal2(room.centre_bias_px)).collect();
+        // What a camera sees is judged as the plan judges it.
+        let nominal: Vec<Camera> = self.placed.iter().map(|p| self.planner.camera(p)).collect();
         let mut previous: Option<Isometry3<f64>> = None;
         let mut seen = Vec::with_capacity(real.len() * markers.len());
         let mut out = Vec::with_capacity(self.plan.states.len());
@@ -294,9 +296,9 @@ impl Cell {
                 let kind = &room.camera[self.placed[camera].kind];
                 for (marker, ball) in markers.iter().enumerate() {
                     let centre = (pose * Point3::from(ball.marker_in_body_m)).coords;
+                    let seen_px = self.planner.seen(kind, &nominal[camera], &centre, ball.radius_m);
+                    let Ok(diameter_px) = seen_px else { continue };
                     let Ok(exact) = view.project_ball(&centre, ball.radius_m) else { continue };
-                    let depth_m = (view.cam_from_world * Point3::from(centre)).z;
-                    let diameter_px = 2.0 * view.intrinsics.fx_px * ball.radius_m / depth_m;
                     let std_px = kind.centre_std_px_at(diameter_px, &centre, camera, marker);
                     let pixel = exact.pixel + normal2(std_px) + bias[camera * markers.len() + marker];
                     let covariance_px2 = Matrix2::identity() * std_px * std_px;
@@ -335,5 +337,84 @@ impl Cell {
             std: f.std,
         });
         Some(flown.collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mavsight_pipeline::body_markers;
+    use mavsight_plan::Room;
+
+    const ROOM: &str = r#"
+schema = 1
+name = "a wall before the third camera"
+room = { low_m = [-5.0, -5.0, 0.0], high_m = [5.0, 2.0, 3.2] }
+volume = { low_m = [-1.0, -1.0, 0.6], high_m = [1.0, 1.0, 2.4] }
+[[camera]]
+name = "camcorder"
+count = 3
+width_px = 640
+height_px = 480
+horizontal_fov_deg = 53.0
+centre_std_px = 0.05
+[[block]]
+name = "wall"
+low_m = [3.2, -0.5, 0.0]
+high_m = [3.5, 2.0, 3.2]
+"#;
+
+    const DOUBLET: &str = r#"
+duration_s = 3.0
+frame_rate_hz = 20.0
+input_rate_hz = 100.0
+position_m = [0.0, 0.0, 1.5]
+heading_deg = 22.5
+[[maneuver]]
+kind = "doublet"
+channel = "delta_lon"
+start_s = 0.5
+pulse_s = 0.5
+amplitude = -4.0
+"#;
+
+    fn cell() -> Cell {
+        let room: Room = toml::from_str(ROOM).expect("a room");
+        let vehicle = Vehicle::paper();
+        let planner = Planner::new(room, body_markers(&vehicle), vec![]).expect("a planner");
+        let camera = [[4.5, -4.5, 1.5], [-4.5, -4.5, 1.5], [4.5, 1.5, 1.5]].map(|centre_m| CampaignCamera {
+            kind: "camcorder".to_owned(),
+            centre_m,
+            aim_m: None,
+        });
+        let rig = CampaignRig { name: "three".to_owned(), room: "".into(), camera: camera.to_vec() };
+        let noise = NoiseLevel {
+            name: "fine".to_owned(),
+            centre_std_px: None,
+            centre_bias_px: None,
+            markers_std_m: None,
+        };
+        let scenario: Scenario = toml::from_str(DOUBLET).expect("a scenario");
+        let names = ["three", "fine", "doublet"].map(str::to_owned);
+        let combination = Combination { names, rig: &rig, noise: &noise, planner, vehicle, scenario };
+        combination.planned().expect("a plan")
+    }
+
+    /// A camera that saw through the wall would make the errors a fraction of those planned.
+    #[test]
+    fn a_camera_behind_a_wall_sees_as_little_in_flight_as_in_the_plan() {
+        let (cell, flights) = (cell(), 100);
+        let mut squares = vec![0.0; cell.plan.fit.parameters.len()];
+        for flight in 0..flights {
+            let poses = cell.poses(&mut Random::new(7, flight)).expect("poses");
+            let estimates = cell.estimate(&poses, FitKind::FirstOrder).expect("an estimate");
+            for (sum, p) in squares.iter_mut().zip(&estimates) {
+                *sum += (p.estimate - p.truth).powi(2) / flights as f64;
+            }
+        }
+        for (p, square) in cell.plan.fit.parameters.iter().zip(&squares) {
+            let ratio = p.std / square.sqrt();
+            assert!((0.75..1.35).contains(&ratio), "{}: predicted over achieved {ratio}", p.name);
+        }
     }
 }
