@@ -107,8 +107,8 @@ pub enum Criterion {
 pub struct ControlSection {
     /// Table of control points, as of a session.
     pub points: PathBuf,
-    /// Standard deviation of one coordinate of the centre of a ball in the stills; predicted from its size
-    /// where left out.
+    /// Standard deviation of one coordinate of the centre of a ball in the stills. Left out: the camera's `centre_std_px` where
+    /// that is given, else predicted from its size.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub std_px: Option<f64>,
 }
