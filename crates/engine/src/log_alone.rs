@@ -1,6 +1,6 @@
 //! Parameters from a log without poses.
 
-use crate::means::{MEANS_S, mean_inputs, mean_sensors};
+use crate::means::{FAST_INPUTS_S, MEANS_S, mean_inputs, mean_sensors};
 use crate::{EngineError, Flight};
 use mavsight_flight::FlightError;
 use mavsight_identify::output_error::{FlightFitOptions, FlightFits, InputClock};
@@ -10,7 +10,8 @@ use mavsight_session::RunResults;
 /// Identifies the parameters of a flight's model from the sensors of a log alone, by output error and filter error, over parts
 /// of the log, or over the whole where none are named.
 ///
-/// Samples and inputs that are nearer to each other than 10 ms count as their means; a note says so. Between parts that are
+/// Samples within the same 10 ms count as their means, and so do inputs whose rows are 5 ms apart or less on average; a note says
+/// so. Between parts that are
 /// more than two seconds apart the motion starts anew. Without a known lag, that with which the inputs act is estimated too.
 ///
 /// # Errors
@@ -43,9 +44,11 @@ pub fn identify_from_log(
         results.notes.push("No parameters: inputs and sensors have no time in common.".to_owned());
         return Ok(());
     }
-    results
-        .notes
-        .push(format!("Samples and inputs nearer than {:.0} ms count as their means.", 1e3 * MEANS_S));
+    results.notes.push(format!(
+        "Samples within the same {:.0} ms count as their means, and so do inputs whose rows are {:.0} ms apart or less on average.",
+        1e3 * MEANS_S,
+        1e3 * FAST_INPUTS_S
+    ));
     let options = FlightFitOptions {
         clock: if flight.options.lag_s.is_some() { InputClock::Known } else { InputClock::Free },
         held_out_s: flight.options.fit.held_out_s,

@@ -6,7 +6,10 @@ use mavsight_flight::{FlightError, InputSeries, SensorSeries};
 /// time T. A lag of time constant τ then counts as longer by (T/τ)²/24, which is one part in a hundred of 20 ms.
 pub(crate) const MEANS_S: f64 = 0.01;
 
-/// Means of each sensor's samples that are nearer to each other than [`MEANS_S`], at the mean of their times.
+/// Inputs whose rows are this far apart on average, or less, are taken as means too: means of fewer than two rows say no less.
+pub(crate) const FAST_INPUTS_S: f64 = 0.5 * MEANS_S;
+
+/// Means of each sensor's samples within the same [`MEANS_S`], at the mean of their times.
 pub(crate) fn mean_sensors(sensors: &SensorSeries) -> Result<SensorSeries, FlightError> {
     let times_ns = sensors.times_ns();
     let bin = |k: &usize| (times_ns[*k] as f64 * 1e-9 / MEANS_S).floor() as i64;
@@ -24,12 +27,12 @@ pub(crate) fn mean_sensors(sensors: &SensorSeries) -> Result<SensorSeries, Fligh
     SensorSeries::of_samples(sensors.columns().to_vec(), &samples)
 }
 
-/// Inputs that hold their means over [`MEANS_S`], where rows are nearer to each other than that.
+/// Inputs that hold their means over [`MEANS_S`], where rows are [`FAST_INPUTS_S`] apart or less on average; others as they are.
 pub(crate) fn mean_inputs(inputs: &InputSeries) -> Result<InputSeries, FlightError> {
     let times_s = inputs.times_s();
     let rows = times_s.len();
     let span_s = inputs.end_s() - inputs.start_s();
-    if span_s / rows as f64 > 0.5 * MEANS_S {
+    if span_s / rows as f64 > FAST_INPUTS_S {
         return Ok(inputs.clone());
     }
     let count = (span_s / MEANS_S).floor() as usize;
@@ -52,4 +55,25 @@ pub(crate) fn mean_inputs(inputs: &InputSeries) -> Result<InputSeries, FlightErr
         values.extend(mean);
     }
     InputSeries::new(inputs.names().to_vec(), times, values)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Inputs that step every row, so far apart.
+    fn inputs(apart_s: f64) -> InputSeries {
+        let times: Vec<f64> = (0..101).map(|k| f64::from(k) * apart_s).collect();
+        let values = (0..101).map(|k| f64::from(k % 2)).collect();
+        InputSeries::new(vec!["u".to_owned()], times, values).expect("inputs")
+    }
+
+    #[test]
+    fn fast_inputs_hold_means_and_others_are_as_they_were() {
+        let fast = mean_inputs(&inputs(0.0025)).expect("means");
+        assert!((fast.times_s()[1] - fast.times_s()[0] - MEANS_S).abs() < 1e-12);
+        assert!((0..fast.times_s().len()).all(|k| (fast.row(k)[0] - 0.5).abs() < 1e-9));
+        let slow = inputs(1.1 * FAST_INPUTS_S);
+        assert_eq!(mean_inputs(&slow).expect("inputs").times_s(), slow.times_s());
+    }
 }

@@ -169,6 +169,10 @@ fn wrong_calls_are_named() {
     assert!(said.contains("best") && said.contains("gtls"), "{said}");
     let said = message(identify(&table, &inputs).args(["--estimator", "ols", "--search"]), 2);
     assert!(said.contains("--search") && said.contains("name oe"), "{said}");
+    let mut alone = Command::new(env!("CARGO_BIN_EXE_mavsight"));
+    alone.args(["identify", "--log", "flight.ulg", "--search", "--vehicle"]).arg(example("vehicle.toml"));
+    let said = message(&mut alone, 2);
+    assert!(said.contains("--search") && said.contains("pose.csv"), "{said}");
     for option in ["--band", "--hold-out"] {
         for text in ["3", "2..1", "a..b", "1..nan"] {
             let said = message(identify(&table, &inputs).args([option, text]), 2);

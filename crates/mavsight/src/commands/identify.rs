@@ -265,6 +265,11 @@ fn options(args: &Identify, vehicle: &Vehicle) -> Result<IdentifyOptions> {
         let what = "--search: terms are searched by output error, which this call leaves out; name oe among the estimators";
         return Err(WrongCall(what.into()).into());
     }
+    if args.search && args.tables.is_empty() {
+        let what = "--search: terms are searched in poses, and a log alone has none: name the flight's pose.csv beside --log, or \
+                    leave --search out";
+        return Err(WrongCall(what.into()).into());
+    }
     let Identify { lag: lag_s, stepwise, search, at_most, .. } = *args;
     Ok(IdentifyOptions { table, fit, lag_s, stepwise, search, motion_fits, at_most })
 }
