@@ -5,7 +5,9 @@ use crate::out::{out, outln};
 use crate::progress::Bars;
 use anyhow::Result;
 use mavsight_flight::Vehicle;
-use mavsight_plan::{CameraPair, EXAMPLE, Placed, PlanError, Planner, Ranked, SearchOptions, StudyRow};
+use mavsight_plan::{
+    CameraPair, EXAMPLE, Placed, PlanError, Planner, Prediction, Ranked, SearchOptions, StudyRow,
+};
 use mavsight_report::{CameraPlan, angle_deg, least, write_plan_report};
 use mavsight_session::{
     ControlSection, RESULTS_SCHEMA, SESSION_SCHEMA, SessionCamera, SessionError, SessionFile, make_folder,
@@ -116,11 +118,25 @@ fn study_text(plan: &CameraPlan<'_>) -> String {
     }
     if let Some(near) = least(distances) {
         out += &format!(
-            "At a right angle: least error {:.1} m from the middle, {:.3} mm; nearer, not all is seen\n",
-            near.pair.distance_m, near.prediction.mean.position_std_mm
+            "At a right angle: least error {:.1} m from the middle, {:.3} mm{}\n",
+            near.pair.distance_m,
+            near.prediction.mean.position_std_mm,
+            why_not_nearer(distances, near)
         );
     }
     out
+}
+
+/// What the next nearer pair of a study lacks; empty where it lacks nothing, or none is nearer.
+fn why_not_nearer(distances: &[StudyRow], least: &StudyRow) -> String {
+    let is_nearer = |row: &&StudyRow| row.pair.distance_m < least.pair.distance_m;
+    let next =
+        distances.iter().filter(is_nearer).max_by(|a, b| a.pair.distance_m.total_cmp(&b.pair.distance_m));
+    match next.map(|row| &row.prediction) {
+        Some(Prediction { refused: Some(refused), .. }) => format!("; nearer, {refused}"),
+        Some(prediction) if prediction.share_seen < 1.0 => "; nearer, not all is seen".to_owned(),
+        _ => String::new(),
+    }
 }
 
 fn write_placements(plan: &CameraPlan<'_>, path: &Path) -> Result<(), SessionError> {
@@ -222,4 +238,39 @@ fn write_start(plan: &CameraPlan<'_>, vehicle: &Vehicle, out: &Path) -> Result<(
     write_toml(&folder.join("session.toml"), &session)?;
     write_control_points(&folder.join("control_points.csv"), plan.planner.control())?;
     Ok(write_vehicle(&folder.join("vehicle.toml"), vehicle)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mavsight_plan::PosePrecision;
+
+    fn row(distance_m: f64, share_seen: f64, refused: Option<&str>) -> StudyRow {
+        let prediction = Prediction {
+            figure: 1.0,
+            mean: PosePrecision::default(),
+            worst: PosePrecision::default(),
+            worst_at_m: [0.0; 3],
+            share_seen,
+            limit: None,
+            least_diameter_px: 5.0,
+            refused: refused.map(str::to_owned),
+        };
+        StudyRow { pair: CameraPair { angle_deg: 90.0, distance_m }, is_allowed: true, prediction }
+    }
+
+    #[test]
+    fn a_study_says_what_the_next_nearer_pair_lacks() {
+        let least = row(3.5, 1.0, None);
+        let said = |nearer: StudyRow| {
+            why_not_nearer(&[row(2.5, 0.2, None), nearer, least.clone(), row(4.0, 1.0, None)], &least)
+        };
+        assert_eq!(said(row(3.0, 0.9, None)), "; nearer, not all is seen");
+        assert_eq!(
+            said(row(3.0, 1.0, Some("2 control points were seen"))),
+            "; nearer, 2 control points were seen"
+        );
+        assert_eq!(said(row(3.0, 1.0, None)), "");
+        assert_eq!(why_not_nearer(&[least.clone(), row(4.0, 1.0, None)], &least), "");
+    }
 }
