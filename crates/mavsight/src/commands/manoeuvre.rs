@@ -178,7 +178,8 @@ fn harmonics(length_s: f64) -> Vec<u32> {
 type Plans = [(String, PlannedManoeuvre)];
 
 fn table(plans: &Plans, names: &[&str]) -> String {
-    let mut out = format!("{:<14} {:>12}", "std of", "value");
+    let mut out = "Standard deviations for a known clock of the inputs (--lag):\n".to_owned();
+    out += &format!("{:<14} {:>12}", "std of", "value");
     plans.iter().for_each(|(name, _)| out += &format!(" {name:>12}"));
     out.push('\n');
     for p in &plans[0].1.fit.parameters {
