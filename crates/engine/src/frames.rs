@@ -63,17 +63,20 @@ fn clock_of(camera: &SessionCamera, is_first: bool, size: ImageSize) -> ClockPri
     prior
 }
 
-/// The first frame of each camera that has any, at its time by the camera's own clock.
+/// The first frame of each camera at its time by the common clock, in the order of the session. None where a clock is
+/// missing or a camera has no frame: a picture is a camera's by its place in the list.
 ///
 /// # Errors
 /// A recording that cannot be read.
-pub fn first_frames(session: &Session) -> Result<Vec<TimedFrame>, EngineError> {
-    let mut frames = Vec::with_capacity(session.cameras().len());
-    for k in 0..session.cameras().len() {
-        if let Some(first) = session.open_camera(k)?.next() {
-            let (t_ns, frame) = first?;
-            frames.push(TimedFrame { t_ns, frame });
-        }
+pub fn first_frames(session: &Session, clocks: &[CameraClock]) -> Result<Vec<TimedFrame>, EngineError> {
+    if clocks.len() != session.cameras().len() {
+        return Ok(Vec::new());
+    }
+    let mut frames = Vec::with_capacity(clocks.len());
+    for (k, clock) in clocks.iter().enumerate() {
+        let Some(first) = session.open_camera(k)?.next() else { return Ok(Vec::new()) };
+        let (stamp_ns, frame) = first?;
+        frames.push(TimedFrame { t_ns: clock.time_ns(stamp_ns), frame });
     }
     Ok(frames)
 }

@@ -45,6 +45,7 @@ pub use overlay_film::{FilmShot, OverlayFilm};
 pub use parameters::parameter_text;
 pub use picture::picture_address;
 pub use plan_report::{CameraPlan, angle_deg, least, write_plan_report};
+pub use sections::clocks_in;
 pub use sheet::Sheet;
 pub use summary::{Row, Summary};
 pub use target_sheets::{

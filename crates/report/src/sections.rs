@@ -8,7 +8,7 @@ mod truth;
 use crate::summary::{Summary, listed};
 use crate::{equation_error, findings, output_error};
 use mavsight_pipeline::Finding;
-use mavsight_pose::{ClockEstimate, ClockVerdict};
+use mavsight_pose::{CameraClock, ClockEstimate, ClockVerdict};
 use mavsight_score::Scores;
 use mavsight_session::RunResults;
 use serde_json::{Value, json};
@@ -78,6 +78,20 @@ fn add_clock(summary: &mut Summary, name: &str, clock: &ClockEstimate) {
     }
 }
 
+/// The clocks of these cameras as the figures of an earlier stage have them; none where one of them is missing.
+pub fn clocks_in(summary: &Value, cameras: &[String]) -> Option<Vec<CameraClock>> {
+    let time = &summary["time"];
+    let clock = |name: &String| {
+        let figure = |key: &str| time[format!("{name}_{key}")].as_f64().filter(|v| v.is_finite());
+        Some(CameraClock {
+            offset_s: 1e-3 * figure("offset_ms")?,
+            drift: 1e-6 * figure("drift_ppm")?,
+            line_time_s: 1e-6 * figure("line_time_us").unwrap_or(0.0),
+        })
+    };
+    cameras.iter().map(clock).collect()
+}
+
 fn add_body(summary: &mut Summary, results: &RunResults) {
     for marker in &results.body {
         let mut section = summary.section_of("body", &marker.name, &marker.name);
@@ -108,5 +122,34 @@ fn add_for_plan(summary: &mut Summary, results: &RunResults) {
         let variance_px2 = cameras().map(|c| c.sigma_px.powi(2)).sum::<f64>() / n as f64;
         let label = "control.std_px: noise of a control point, were all alike";
         section.number("control_std_px", label, variance_px2.sqrt(), "px");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_clock_is_read_back_from_the_figures_of_its_camera() {
+        let clock = CameraClock { offset_s: 0.4, drift: 50e-6, line_time_s: 30e-6 };
+        let late = ClockEstimate {
+            clock,
+            shown: clock,
+            offset_std_s: f64::INFINITY,
+            drift_std: 1e-6,
+            line_time_std_s: 0.0,
+            verdict: ClockVerdict::SetRight,
+        };
+        let results = RunResults {
+            camera_names: vec!["cam2".into()],
+            camera_clocks: vec![late],
+            ..RunResults::default()
+        };
+        let figures = Summary::of(&results, None).json();
+        let read = clocks_in(&figures, &results.camera_names).expect("its clock")[0];
+        assert!((read.offset_s - 0.4).abs() < 1e-12 && (read.drift - 50e-6).abs() < 1e-15, "{read:?}");
+        assert_eq!(read.time_ns(400_000_000), 0);
+        assert!(clocks_in(&figures, &["cam3".into()]).is_none());
+        assert!(clocks_in(&Value::Null, &results.camera_names).is_none());
     }
 }

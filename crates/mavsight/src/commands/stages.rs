@@ -12,7 +12,7 @@ use mavsight_engine::{
     Flight, Options, first_frames, identify_from_poses, log_gyroscope, log_sensors, recorded_inputs,
     recorded_sensors,
 };
-use mavsight_report::{FlightReport, Summary, write_report};
+use mavsight_report::{FlightReport, Summary, clocks_in, write_report};
 use mavsight_score::{truth_of, write_truth};
 use mavsight_session::{
     RunResults, Session, make_folder, read_body, read_markers, read_poses, read_rig, read_summary,
@@ -99,8 +99,7 @@ pub(crate) fn track(args: &Stage) -> Result<()> {
 
 /// The figures of a stage among those that the summary in a folder has of the same session's other stages.
 pub(super) fn beside_other_stages(out: &Path, session: &str, figures: Value) -> Value {
-    let before = read_summary(&out.join(names::SUMMARY)).ok();
-    let Some(Value::Object(mut all)) = before.filter(|b| b["session"] == session) else { return figures };
+    let Some(Value::Object(mut all)) = summary_of(out, session) else { return figures };
     for (section, value) in figures.as_object().into_iter().flatten() {
         match value {
             // This stage has nothing to say in words: what the others said stands.
@@ -119,6 +118,14 @@ fn put(mut results: RunResults, out: &Path) -> Result<()> {
     write_results(out, &results)?;
     print_summary(&summary, &results, out)
 }
+
+/// The summary in a folder, where it is of this session.
+fn summary_of(out: &Path, session: &str) -> Option<Value> {
+    read_summary(&out.join(names::SUMMARY)).ok().filter(|before| before["session"] == session)
+}
+
+const NO_CLOCKS: &str = "The report has no pictures of the cameras: summary.json has no clocks of these cameras, which say when \
+                         a picture was taken; `mavsight track` writes them.";
 
 pub(crate) fn report(args: &Stage) -> Result<()> {
     let session = named(Session::load(&args.session))?;
@@ -147,9 +154,13 @@ pub(crate) fn report(args: &Stage) -> Result<()> {
     identify_from_poses(&mut results, &flight, &bars)?;
     results.notes.extend(of_sensors);
     bars.done();
+    let of_track = summary_of(&args.out, &results.session);
+    match of_track.and_then(|figures| clocks_in(&figures, &results.camera_names)) {
+        Some(clocks) => results.pictures = first_frames(&session, &clocks)?,
+        None => results.notes.push(NO_CLOCKS.to_owned()),
+    }
     let scores = truth.as_deref().map(|t| scores_of(&results, t));
     let summary = Summary::of(&results, scores.as_ref());
-    results.pictures = first_frames(&session)?;
     let report = FlightReport {
         vehicle: &session.vehicle,
         inputs: inputs.as_ref(),
