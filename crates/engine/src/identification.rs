@@ -42,10 +42,32 @@ pub(crate) fn identify_into(
     match motion {
         Ok(motion) => identify_beside_log(results, motion, log, flight, progress),
         Err(refusal) => {
-            results.notes.push(format!("No motion: {refusal}"));
+            results.notes.push(no_motion(&refusal));
             Ok(())
         }
     }
+}
+
+/// The motion becomes part of the results, with the log's gyroscope where that gave one, or a note says why there is none.
+pub(crate) fn motion_into(
+    results: &mut RunResults,
+    motion: Result<Motion, PipelineError>,
+    log: Option<LogBesidePoses>,
+) {
+    match motion {
+        Ok(motion) => {
+            let log = log.unwrap_or_default();
+            let motion = log.motion.unwrap_or(motion);
+            results.notes.extend(motion.doubts.words());
+            results.notes.extend(log.notes);
+            (results.log, results.motion) = (log.alignment, Some(motion));
+        }
+        Err(refusal) => results.notes.push(no_motion(&refusal)),
+    }
+}
+
+fn no_motion(refusal: &PipelineError) -> String {
+    format!("No motion: {refusal}")
 }
 
 /// Identifies the parameters from a motion, which becomes part of the results: by equation error, and by

@@ -32,6 +32,7 @@ pub use log_alone::identify_from_log;
 pub use look::{FilmLook, look_at};
 pub use pick::{MarkerPicker, PickError, PickedBall, PickedMarker, Picker};
 pub use solution::{
-    Flight, Options, log_gyroscope, log_sensors, recorded_inputs, recorded_sensors, run, solve,
+    Flight, Options, log_gyroscope, log_sensors, recorded_inputs, recorded_sensors, run, smooth_tracked,
+    solve,
 };
 pub use tracking::{TrackedFlight, track};

@@ -1,7 +1,7 @@
 //! From a session to its results.
 
 use crate::error::input;
-use crate::identification::identify_into;
+use crate::identification::{identify_into, motion_into};
 use crate::log_clock::LogBesidePoses;
 use crate::{EngineError, TrackedFlight, calibrate, track};
 use mavsight_flight::{InputSeries, SensorSeries, Vehicle};
@@ -154,6 +154,17 @@ pub fn run(
     results.notes.extend(notes);
     results.notes.extend(of_sensors);
     Ok(results)
+}
+
+/// The results of a tracked flight with its motion, into which the gyroscope of the log goes where the flight has one;
+/// without parameters. Why there is no motion becomes a note.
+pub fn smooth_tracked(flight: &Flight<'_>, tracked: TrackedFlight, progress: &dyn Progress) -> RunResults {
+    let of_film = |rates: Option<&RateSeries>| motion_of(&tracked.tracked, rates, flight.vehicle, progress);
+    let motion = of_film(None);
+    let log = LogBesidePoses::of(&tracked.tracked.poses, flight, |rates| of_film(Some(rates)));
+    let mut results = tracked.into_results(flight.name, flight.vehicle);
+    motion_into(&mut results, motion, log);
+    results
 }
 
 /// Smooths the poses of a tracked flight into motion and identifies its parameters. Where a folder for the

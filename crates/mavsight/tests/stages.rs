@@ -56,7 +56,7 @@ fn the_chain_in_steps_is_the_chain_in_one() {
             assert!((x - y).abs() < close, "column {k}: {a}\n{b}");
         }
     }
-    assert!(steps.join("report.html").is_file() && steps.join("motion.csv").is_file());
+    assert!(read(&steps, "report.html").contains("class=\"overlay\"") && steps.join("motion.csv").is_file());
 }
 
 #[test]

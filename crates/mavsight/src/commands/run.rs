@@ -98,12 +98,18 @@ pub(crate) fn print_summary(summary: &Summary, results: &RunResults, out: &Path)
 /// Removes what an earlier run left in the folder of which this one has nothing.
 fn remove_stale(results: &RunResults, out: &Path) -> Result<()> {
     let has_parameters = results.identification.is_some() || results.output_error.named().next().is_some();
-    for (name, is_there) in [
+    let files = [
         (names::BODY, !results.body.is_empty()),
         (names::MOTION, results.motion.is_some()),
         (names::COEFFICIENTS, results.coefficients.is_some()),
         (names::PARAMETERS, has_parameters),
-    ] {
+    ];
+    remove_absent(out, &files)
+}
+
+/// Removes from a folder the files of which there is nothing now.
+pub(super) fn remove_absent(out: &Path, files: &[(&str, bool)]) -> Result<()> {
+    for (name, is_there) in files {
         let path = out.join(name);
         if !is_there && path.exists() {
             std::fs::remove_file(&path).with_context(|| format!("{}", path.display()))?;

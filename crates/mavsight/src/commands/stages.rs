@@ -2,7 +2,7 @@
 
 use super::demo::{scenario_of, vehicle_of};
 use super::film::STAGING;
-use super::run::{print_summary, scores_of};
+use super::run::{print_summary, remove_absent, scores_of};
 use super::{named, require_folder};
 use crate::cli::{Simulate, Stage, WrongCall};
 use crate::out::{out, outln};
@@ -10,8 +10,9 @@ use crate::progress::Bars;
 use anyhow::Result;
 use mavsight_engine::{
     Flight, Options, first_frames, identify_from_poses, log_gyroscope, log_sensors, recorded_inputs,
-    recorded_sensors,
+    recorded_sensors, smooth_tracked,
 };
+use mavsight_pipeline::IdentifyOptions;
 use mavsight_report::{FlightReport, Summary, clocks_in, write_report};
 use mavsight_score::{truth_of, write_truth};
 use mavsight_session::{
@@ -71,7 +72,7 @@ pub(crate) fn calibrate(args: &Stage) -> Result<()> {
     let rig = mavsight_engine::calibrate(&session, &bars)?;
     bars.done();
     let (session, notes) = (session.file.name.clone(), rig.notes().collect());
-    put(RunResults { session, notes, rig: Some(rig), ..RunResults::default() }, &args.out)
+    put(RunResults { session, notes, rig: Some(rig), ..RunResults::default() }, &args.out, &[])
 }
 
 pub(crate) fn track(args: &Stage) -> Result<()> {
@@ -90,11 +91,33 @@ pub(crate) fn track(args: &Stage) -> Result<()> {
         return Err(WrongCall(message).into());
     }
     named(session.require_sizes(&rig, &args.out.join(names::RIG)))?;
+    let gyroscope = log_gyroscope(&session)?;
     let bars = Bars::new();
     let tracked = mavsight_engine::track(&session, rig, &bars)?;
-    let motion = mavsight_pipeline::motion_of(&tracked.tracked, None, &session.vehicle, &bars).ok();
+    let flight = Flight {
+        name: &session.file.name,
+        vehicle: &session.vehicle,
+        inputs: None,
+        sensors: None,
+        gyroscope: gyroscope.as_ref(),
+        log_sensors: None,
+        options: IdentifyOptions::default(),
+    };
+    let results = smooth_tracked(&flight, tracked, &bars);
     bars.done();
-    put(RunResults { motion, ..tracked.into_results(&session.file.name, &session.vehicle) }, &args.out)
+    let own = [
+        Own { file: names::BODY, sections: &["body"], is_there: !results.body.is_empty() },
+        Own { file: names::MOTION, sections: &["motion", "smoother"], is_there: results.motion.is_some() },
+    ];
+    put(results, &args.out, &own)
+}
+
+/// A file that a stage writes where it has what belongs into it.
+struct Own {
+    file: &'static str,
+    /// What the summary says of it.
+    sections: &'static [&'static str],
+    is_there: bool,
 }
 
 /// The figures of a stage among those that the summary in a folder has of the same session's other stages.
@@ -112,10 +135,17 @@ pub(super) fn beside_other_stages(out: &Path, session: &str, figures: Value) -> 
     Value::Object(all)
 }
 
-fn put(mut results: RunResults, out: &Path) -> Result<()> {
+/// Writes the results of a stage. What an earlier call of it left, and this one has nothing of, goes.
+fn put(mut results: RunResults, out: &Path, own: &[Own]) -> Result<()> {
     let summary = Summary::of(&results, None);
     results.summary = beside_other_stages(out, &results.session, summary.json());
+    if let Value::Object(all) = &mut results.summary {
+        let absent = own.iter().filter(|own| !own.is_there).flat_map(|own| own.sections);
+        absent.for_each(|section| drop(all.remove(*section)));
+    }
     write_results(out, &results)?;
+    let files: Vec<(&str, bool)> = own.iter().map(|own| (own.file, own.is_there)).collect();
+    remove_absent(out, &files)?;
     print_summary(&summary, &results, out)
 }
 
@@ -195,5 +225,25 @@ mod tests {
         assert_eq!(beside_other_stages(&folder, "another", stage.clone()), stage);
         std::fs::remove_dir_all(&folder).expect("cleared");
         assert_eq!(beside_other_stages(&folder, "flight", stage.clone()), stage);
+    }
+    #[test]
+    fn a_stage_that_has_no_motion_leaves_none_of_an_earlier_call() {
+        let folder = std::env::temp_dir().join(format!("mavsight-stale-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).expect("a folder");
+        let before =
+            json!({"session": "flight", "motion": {"seconds": 1}, "smoother": {}, "cameras": {"a": 1}});
+        std::fs::write(folder.join(names::SUMMARY), before.to_string()).expect("a summary");
+        for file in [names::MOTION, names::PARAMETERS] {
+            std::fs::write(folder.join(file), "t_s").expect("a table");
+        }
+        let results = RunResults { session: "flight".to_owned(), ..RunResults::default() };
+        let own = Own { file: names::MOTION, sections: &["motion", "smoother"], is_there: false };
+        put(results, &folder, &[own]).expect("written");
+        let left = read_summary(&folder.join(names::SUMMARY)).expect("a summary");
+        assert_eq!((&left["motion"], &left["smoother"]), (&Value::Null, &Value::Null));
+        assert_eq!(left["cameras"], before["cameras"]);
+        // Another stage's file stays.
+        assert!(!folder.join(names::MOTION).exists() && folder.join(names::PARAMETERS).exists());
+        std::fs::remove_dir_all(&folder).expect("cleared");
     }
 }
