@@ -59,7 +59,8 @@ pub struct RigCamera {
     pub centre_cov_m2: Matrix3<f64>,
     /// Every control point in its image.
     pub points: Vec<ControlResidual>,
-    /// Root mean square residual of the points used, over all coordinates.
+    /// Root mean square residual, over all coordinates, of the images that the calibration used: of control points and of
+    /// objects that were moved. Of a camera that is refined from the flight, of its control points alone.
     pub residual_rms_px: f64,
     /// Estimated standard deviation of a pixel coordinate of its control points: the one value for all that
     /// would leave a point in their volume as uncertain.

@@ -34,7 +34,16 @@ fn camera(summary: &mut Summary, camera: &RigCamera) {
     section.add("focal_px", "focal lengths", json!(focal), format!("{} px", listed(&focal, 1)));
     let shown = format!("({}) px", listed(&principal, 1));
     section.add("principal_point_px", "principal point", json!(principal), shown);
-    section.number("residual_rms_px", "control residual, RMS", camera.residual_rms_px, "px");
+    let (all_px, control_px) = (camera.residual_rms_px, control_residual_px(camera));
+    if let Some(control_px) = control_px {
+        section.number("control_residual_rms_px", "control residual, RMS", control_px, "px");
+    }
+    // Of control points alone both are one figure; a camera that was not calibrated here has none.
+    if all_px == 0.0 || control_px.is_some_and(|control_px| (all_px - control_px).abs() <= 1e-6 * all_px) {
+        section.hidden("residual_rms_px", all_px);
+    } else {
+        section.number("residual_rms_px", "residual of all images of the calibration, RMS", all_px, "px");
+    }
     let model = camera.model.to_string();
     section.add("model", "model, chosen by the data", model.clone(), model);
     if camera.distortion_is_estimated() {
@@ -42,6 +51,13 @@ fn camera(summary: &mut Summary, camera: &RigCamera) {
         let value = json!([d.k1, d.k2, d.p1, d.p2, d.k3]);
         section.add("distortion_k1_k2_p1_p2_k3", "distortion k1, k2, p1, p2, k3", value, shown);
     }
+}
+
+/// Root mean square residual of the control points that were used, over all coordinates; none without such points.
+fn control_residual_px(camera: &RigCamera) -> Option<f64> {
+    let used = || camera.points.iter().filter(|p| p.used).map(|p| p.residual_px.norm_squared());
+    let coordinates = 2 * used().count();
+    (coordinates > 0).then(|| (used().sum::<f64>() / coordinates as f64).sqrt())
 }
 
 fn precision(summary: &mut Summary, rig: &Rig, pixel_std_px: f64) {
