@@ -33,11 +33,6 @@ const EXPLAINS: f64 = 1.0 / 3.0;
 /// Alternatives whose residuals are within this factor explain them alike.
 const ALIKE: f64 = 1.5;
 
-/// What was tried, in words, where nothing of it explains the residuals.
-const TRIED: &str = "Recordings exchanged, mirrored or turned, every exchange of marker colours, another scale of the body, other \
-                     clocks and frame rates, and one camera elsewhere were tried, and none brings them together: check the marker \
-                     positions of the vehicle file ([refine] finds those of a ruler) and calibrate again";
-
 /// What is known of a flight whose observations may not fit.
 pub(crate) struct Evidence<'a> {
     estimator: &'a PoseEstimator,
@@ -106,11 +101,15 @@ pub(crate) fn of_observations(
     }
     let best = found.iter().map(|a| a.fit.ratio).fold(f64::INFINITY, f64::min);
     found.retain(|a| a.fit.ratio <= ALIKE * best);
-    conclude(&given, found)
+    conclude(&given, found, || evidence.tried())
 }
 
 /// What is made of the alternatives that explain the residuals best.
-fn conclude(given: &ReprojectionFit, found: Vec<Alternative>) -> Result<Vec<Finding>, PipelineError> {
+fn conclude(
+    given: &ReprojectionFit,
+    found: Vec<Alternative>,
+    tried: impl Fn() -> String,
+) -> Result<Vec<Finding>, PipelineError> {
     let (given_px, ratio) = (given.residual_px, given.ratio);
     let lies = if given_px.is_finite() { format!("lies {given_px:.2} px from") } else { "is not".to_owned() };
     let mut causes: Vec<Cause> = found.iter().map(|a| a.cause).collect();
@@ -119,7 +118,8 @@ fn conclude(given: &ReprojectionFit, found: Vec<Alternative>) -> Result<Vec<Find
     let Some(first) = found.first() else {
         let note = || {
             format!(
-                "What the cameras saw {lies} where any pose of the body has it, {ratio:.0} times what their noise explains. {TRIED}."
+                "What the cameras saw {lies} where any pose of the body has it, {ratio:.0} times what their noise explains. {}.",
+                tried()
             )
         };
         let is_worth_it = ratio.is_finite() && ratio > FITS;
@@ -148,6 +148,16 @@ fn is_by_two(seen: &[MarkerObservation]) -> bool {
 }
 
 impl Evidence<'_> {
+    /// What was tried, in words, where nothing of it explains the residuals.
+    fn tried(&self) -> String {
+        let clocks = if self.clocks.is_some() { "other clocks and frame rates, " } else { "" };
+        format!(
+            "{}, another scale of the body, {clocks}and one camera elsewhere were tried, and none brings them together: check the \
+             marker positions of the vehicle file ([refine] finds those of a ruler) and calibrate again",
+            self.exchanges_tried()
+        )
+    }
+
     fn median_fit(
         &self,
         instants: &[Vec<MarkerObservation>],

@@ -137,6 +137,14 @@ impl Evidence<'_> {
         self.instants.iter().map(undone).collect()
     }
 
+    /// The exchanges that are tried, in words that begin a sentence.
+    pub(super) fn exchanges_tried(&self) -> String {
+        let has_pair = Exchange::of_cameras(self.rig).iter().any(|e| matches!(e, Exchange::Cameras(..)));
+        let recordings = if has_pair { "exchanged, mirrored" } else { "mirrored" };
+        let colors = if self.estimator.markers().len() > MOST_PERMUTED { "two marker" } else { "marker" };
+        format!("Recordings {recordings} or turned, every exchange of {colors} colours")
+    }
+
     /// What exchanged or turned recordings leave.
     pub(super) fn exchanged_recordings(&self) -> Result<Vec<Alternative>, PipelineError> {
         let mut out = Vec::new();
