@@ -10,6 +10,10 @@ pub struct FlightEstimate {
     pub value: f64,
     /// Standard deviation of its error within the flight.
     pub std: f64,
+    /// 95 % interval of the flight alone, from.
+    pub ci_low: f64,
+    /// 95 % interval of the flight alone, to.
+    pub ci_high: f64,
 }
 
 /// The mean of a parameter over flights, by random effects.
@@ -104,9 +108,13 @@ mod tests {
     use approx::assert_relative_eq;
     use mavsight_random::Random;
 
+    fn estimate(value: f64, std: f64) -> FlightEstimate {
+        FlightEstimate { value, std, ci_low: value - 2.0 * std, ci_high: value + 2.0 * std }
+    }
+
     fn of(pairs: &[(f64, f64)]) -> Pooled {
         let estimates: Vec<FlightEstimate> =
-            pairs.iter().map(|(value, std)| FlightEstimate { value: *value, std: *std }).collect();
+            pairs.iter().map(|(value, std)| estimate(*value, *std)).collect();
         pooled(&estimates).expect("a mean")
     }
 
@@ -184,7 +192,7 @@ mod tests {
     fn one_flight_is_no_sample() {
         let refused = |pairs: &[(f64, f64)]| {
             let estimates: Vec<FlightEstimate> =
-                pairs.iter().map(|(value, std)| FlightEstimate { value: *value, std: *std }).collect();
+                pairs.iter().map(|(value, std)| estimate(*value, *std)).collect();
             pooled(&estimates).is_err()
         };
         assert!(

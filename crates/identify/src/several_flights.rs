@@ -74,13 +74,14 @@ fn determined<'a>(flight: &FittedFlight<'a>) -> impl Iterator<Item = (Named, Fli
         fit.parameters.iter().filter(|p| p.identifiable).filter_map(|p| {
             let name = format!("{},{}", fit.output, p.name);
             let named = Named { estimator: fit.estimator.name(), name, unit: String::new() };
-            Some((named, FlightEstimate { value: p.value?, std: p.std? }))
+            let (value, std, ci_low, ci_high) = (p.value?, p.std?, p.ci_low?, p.ci_high?);
+            Some((named, FlightEstimate { value, std, ci_low, ci_high }))
         })
     });
     let motion = flight.motion.named().flat_map(|(estimator, fit)| {
         fit.parameters.iter().filter(|p| p.identifiable).map(move |p| {
             let named = Named { estimator, name: p.name.clone(), unit: p.unit.clone() };
-            (named, FlightEstimate { value: p.value, std: p.std })
+            (named, FlightEstimate { value: p.value, std: p.std, ci_low: p.ci_low, ci_high: p.ci_high })
         })
     });
     equations.chain(motion)
@@ -94,7 +95,7 @@ mod tests {
     fn a_parameter_is_pooled_over_the_flights_that_determine_it() {
         let of = |estimator, name: &str, value| {
             let named = Named { estimator, name: name.to_owned(), unit: String::new() };
-            (named, FlightEstimate { value, std: 0.1 })
+            (named, FlightEstimate { value, std: 0.1, ci_low: value - 0.2, ci_high: value + 0.2 })
         };
         let flights = [
             vec![of("ols", "C_m,q", 1.0), of("oe", "C_m,q", 5.0)],

@@ -3,8 +3,7 @@
 use crate::parameters::words;
 use crate::svg::{AXIS, Area, BLUE, Drawn, FONT, VERMILION, svg};
 use crate::{Figure, Report, ReportError, Table, render};
-use mavsight_identify::{FlightEstimate, Pooled, PooledParameter};
-use mavsight_pose::NORMAL_95;
+use mavsight_identify::{Pooled, PooledParameter};
 use mavsight_session::{results::names, write_whole};
 use plotters::prelude::*;
 use std::path::Path;
@@ -98,8 +97,7 @@ pub fn write_flights_report(
 
 /// A forest plot (Lewis & Clarke 2001): a line for each flight's interval, a diamond for that of the mean.
 fn forest(p: &PooledParameter, flights: &[String]) -> Result<String, ReportError> {
-    let reach = |e: &FlightEstimate| NORMAL_95 * e.std;
-    let edges = p.flights.iter().flat_map(|(_, e)| [e.value - reach(e), e.value + reach(e)]);
+    let edges = p.flights.iter().flat_map(|(_, e)| [e.ci_low, e.ci_high]);
     let Pooled { mean, ci_low, ci_high, between_std, .. } = p.pooled;
     // The interval of a mean of two flights is wide: what it needs beyond three times the flights is cut off.
     let (low, high) = crate::chart::bounds(edges).ok_or(ReportError::Plot("a forest plot has no flight"))?;
@@ -131,7 +129,7 @@ fn forest(p: &PooledParameter, flights: &[String]) -> Result<String, ReportError
         chart.draw_series([Rectangle::new(band, BLUE.mix(0.12).filled())])?;
         for (k, (flight, e)) in p.flights.iter().enumerate() {
             let y = f64::from(rows) - 0.5 - k as f64;
-            let line = vec![(e.value - reach(e), y), (e.value + reach(e), y)];
+            let line = vec![(e.ci_low, y), (e.ci_high, y)];
             chart.draw_series([PathElement::new(line, BLUE.stroke_width(3))])?;
             chart.draw_series([Circle::new((e.value, y), 4, BLUE.filled())])?;
             name_row(root, &flights[*flight], k, &style)?;
@@ -151,11 +149,11 @@ fn name_row(area: &Area<'_>, name: &str, row: usize, style: &TextStyle<'_>) -> D
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mavsight_identify::pooled;
+    use mavsight_identify::{FlightEstimate, pooled};
 
     fn parameter(values: &[f64]) -> PooledParameter {
-        let estimates: Vec<FlightEstimate> =
-            values.iter().map(|v| FlightEstimate { value: *v, std: 0.1 }).collect();
+        let estimate = |v: &f64| FlightEstimate { value: *v, std: 0.1, ci_low: *v - 0.4, ci_high: *v + 0.4 };
+        let estimates: Vec<FlightEstimate> = values.iter().map(estimate).collect();
         PooledParameter {
             estimator: "oe".to_owned(),
             name: "tau_f".to_owned(),
