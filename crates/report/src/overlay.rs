@@ -76,20 +76,23 @@ impl Found {
         exposed_ns: impl Fn(&Vector2<f64>) -> i64,
     ) -> Option<Self> {
         let middle = Vector2::new(f64::from(camera.size.width_px), f64::from(camera.size.height_px)) / 2.0;
-        let pixel = |in_body: Vector3<f64>, t_ns: i64| {
+        // The middle of a ball's image is not the image of its centre.
+        let pixel = |(in_body, radius_m): (Vector3<f64>, f64), t_ns: i64| {
             let in_world = pose_at(results, t_ns)? * Point3::from(in_body);
-            Some(camera.project(&in_world.coords).ok()?.pixel)
+            Some(camera.project_ball(&in_world.coords, radius_m).ok()?.pixel)
         };
         // A row is exposed at a time that depends on where in the image it is.
-        let seen = |in_body: Vector3<f64>| {
-            let about = pixel(in_body, exposed_ns(&middle))?;
-            pixel(in_body, exposed_ns(&about))
+        let seen = |ball: (Vector3<f64>, f64)| {
+            let about = pixel(ball, exposed_ns(&middle))?;
+            pixel(ball, exposed_ns(&about))
         };
+        let place = |in_body: Vector3<f64>| seen((in_body, 0.0));
         let mut found = Self { detected: vec![], predicted: vec![], axes: None, residuals: vec![] };
         for (marker, ball) in vehicle.marker.iter().enumerate() {
             // The poses are of the markers as the flight has shown them, where it has.
-            let position_m = results.body.get(marker).map_or(ball.position_m.into(), |b| b.position_m);
-            let predicted = seen(position_m);
+            let built = results.body.get(marker).map(|b| (b.position_m, b.diameter_m));
+            let (position_m, diameter_m) = built.unwrap_or((ball.position_m.into(), ball.diameter_m));
+            let predicted = seen((position_m, diameter_m / 2.0));
             let t_ns = exposed_ns(predicted.as_ref().unwrap_or(&middle));
             let own = near(&results.markers, t_ns, |o| o.t_ns).iter();
             let own = own.filter(|o| o.camera == k && o.marker == marker);
@@ -102,8 +105,8 @@ impl Found {
             found.detected.extend(detected.map(|d| d.0));
         }
         let reach_m = vehicle.marker.iter().map(|m| Vector3::from(m.position_m).norm()).fold(0.0, f64::max);
-        let end = |k: usize| seen(Vector3::ith(k, reach_m));
-        if let [Some(origin), Some(x), Some(y), Some(z)] = [seen(Vector3::zeros()), end(0), end(1), end(2)] {
+        let end = |k: usize| place(Vector3::ith(k, reach_m));
+        if let [Some(origin), Some(x), Some(y), Some(z)] = [place(Vector3::zeros()), end(0), end(1), end(2)] {
             found.axes = Some([origin, x, y, z]);
         }
         (!found.detected.is_empty() || !found.predicted.is_empty()).then_some(found)
