@@ -235,7 +235,7 @@ pub(crate) struct Identify {
     #[arg(long, value_name = "FILES", value_delimiter = ',')]
     pub(crate) sensors: Vec<PathBuf>,
     /// Split each flight into this many parts of one length, and fit each by itself
-    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(2..=100))]
+    #[arg(long, value_name = "COUNT", requires = "tables", value_parser = clap::value_parser!(u32).range(2..=100))]
     pub(crate) parts: Option<u32>,
     /// Equations in place of those of the vehicle's model, or another flight model
     #[arg(long, value_name = "FILE")]

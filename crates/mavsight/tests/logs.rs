@@ -70,6 +70,7 @@ fn a_log_becomes_a_table_of_inputs() {
         ("convert a.ulg x.csv --preset crazyflie", "presets of which it has: px4-outputs, px4-esc"),
         ("convert a.ulg x.csv --input a=sensor_gyro:x", "sensor_gyro has instances 0, 1"),
         ("convert a.ulg x.csv --input a", "no field is named"),
+        ("convert inputs.csv x.parquet --preset px4-outputs", "add --from log"),
         ("convert a.ulg x.csv --input a=b:c,size=3", "size is none of instance, unit"),
     ] {
         let (_, err) = call(lab.path(), arguments, 2);

@@ -36,7 +36,7 @@ pub(crate) struct LogMapping {
     #[arg(long = "input", value_name = "INPUT", value_parser = log_input)]
     pub(crate) input_of_log: Vec<LogInput>,
     /// Which of several topics of one name --preset takes
-    #[arg(long, value_name = "NUMBER")]
+    #[arg(long, value_name = "NUMBER", requires = "preset")]
     pub(crate) instance: Option<u32>,
     /// Column of the times, where a table is read as a log
     #[arg(long, value_name = "NAME")]
@@ -47,6 +47,17 @@ pub(crate) struct LogMapping {
 }
 
 impl LogMapping {
+    /// An option of these that was given.
+    pub(crate) fn given(&self) -> Option<&'static str> {
+        let all = [
+            ("--preset", self.preset.is_some()),
+            ("--input", !self.input_of_log.is_empty()),
+            ("--instance", self.instance.is_some()),
+            ("--time", self.time.is_some()),
+        ];
+        all.into_iter().find(|(_, is_given)| *is_given).map(|(name, _)| name)
+    }
+
     /// Of a log.
     pub(crate) fn section(&self, file: &Path) -> LogSection {
         LogSection {

@@ -37,6 +37,14 @@ pub(crate) fn convert(args: &Convert) -> Result<()> {
         Some(_) => {}
     }
     let (from, to) = formats(&args.input, &args.output, args.from, args.to, args.vehicle.is_some())?;
+    if let Some(option) = args.log.given().filter(|_| from.kind() != Kind::Log) {
+        let message = format!(
+            "{option}: names fields of a log, and {} is read as {}: add --from log if it is one, or leave {option} out",
+            args.input.display(),
+            name_of(from)
+        );
+        return Err(WrongCall(message).into());
+    }
     let call = Call { args, from, to, body: body(args)? };
     let notes = match (from.kind(), to.kind()) {
         (Kind::Log, Kind::Table) if to == Format::Csv => log_inputs(args)?,

@@ -27,6 +27,7 @@ use mavsight_session::{
 use std::path::{Path, PathBuf};
 
 pub(crate) fn identify(args: &Identify) -> Result<()> {
+    refuse_without_effect(args)?;
     let vehicle = named(load_vehicle(&args.vehicle))?;
     args.out.as_deref().map_or(Ok(()), require_folder)?;
     let options = options(args, &vehicle)?;
@@ -71,6 +72,25 @@ pub(crate) fn identify(args: &Identify) -> Result<()> {
     }
     bars.done();
     pool(&vehicle.name, &names, &fitted, args.out.as_deref())
+}
+
+/// Options that nothing would come of.
+fn refuse_without_effect(args: &Identify) -> Result<(), WrongCall> {
+    if let Some(option) = args.mapping.given().filter(|_| args.log.is_none()) {
+        let message = format!(
+            "{option}: names fields of the aircraft's own log, and none is given: add --log FILE, or leave {option} out"
+        );
+        return Err(WrongCall(message));
+    }
+    let frequency_domain = Estimator::FrequencyDomain.name();
+    if args.band.is_some() && !args.estimator.iter().any(|name| name == frequency_domain) {
+        let message = format!(
+            "--band: is that of the estimator {frequency_domain}, which this call leaves out: add --estimator {frequency_domain}, or \
+             leave --band out"
+        );
+        return Err(WrongCall(message));
+    }
+    Ok(())
 }
 
 /// What a log has of a flight.
