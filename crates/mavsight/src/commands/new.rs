@@ -13,7 +13,7 @@ use mavsight_engine::{FilmLook, colors_in_pictures, look_at};
 use mavsight_flight::{Color, Marker};
 use mavsight_model::SHELF;
 use mavsight_pipeline::ControlPointRow;
-use mavsight_pose::{PointNetwork, points_from_distances};
+use mavsight_pose::{MeasuredBetween, PointNetwork, measurement_words, points_from_distances};
 use mavsight_session::{DistanceTable, read_control_points, read_image};
 use mavsight_vision::Frame;
 pub(super) use read::color as word_color;
@@ -194,7 +194,7 @@ fn control(args: &New, cameras: &[Camera], asker: &mut Asker) -> Result<Option<S
     let text = "Diameter of the control balls, mm";
     let question = Question { flag: "--control-diameter", text, default: None };
     let diameter_mm = asker.ask(args.control_diameter.as_deref(), &question, read::diameter_mm)?;
-    let colors = control_colors(args, cameras, asker, &table.names)?;
+    let colors = control_colors(args, cameras, asker, &table)?;
     let Some(diameter_mm) = diameter_mm.filter(|_| !table.names.is_empty()) else { return Ok(None) };
     let network = points_from_distances(&table.names, &table.measured)
         .map_err(|error| WrongCall(format!("--distances: {error}")))?;
@@ -210,7 +210,13 @@ fn control(args: &New, cameras: &[Camera], asker: &mut Asker) -> Result<Option<S
 }
 
 /// The colours of control points: as picked, or as they are called.
-fn control_colors(args: &New, cameras: &[Camera], asker: &mut Asker, names: &[String]) -> Result<Vec<Color>> {
+fn control_colors(
+    args: &New,
+    cameras: &[Camera],
+    asker: &mut Asker,
+    table: &DistanceTable,
+) -> Result<Vec<Color>> {
+    let names = &table.names;
     let mut picked: Vec<(String, Color)> = Vec::new();
     let read = |line: &str, picked: &mut Vec<(String, Color)>| {
         let (name, code) = line.split_once(['=', ' ']).ok_or("write a colour as orange=#b05020")?;
@@ -229,13 +235,30 @@ fn control_colors(args: &New, cameras: &[Camera], asker: &mut Asker, names: &[St
         let picked = picked.iter().find(|(of, _)| of == name).map(|(_, color)| *color);
         picked.map_or_else(|| read::color(name), Ok)
     };
-    let all: Result<Vec<Color>, String> = names.iter().map(own).collect();
-    let words = all.map_err(|e| WrongCall(format!("--control-color: {e}")))?;
+    let known = |name: &String| own(name).map_err(|_| no_color(table, name));
+    let words: Vec<Color> = names.iter().map(known).collect::<Result<_, WrongCall>>()?;
     let is_picked: Vec<bool> = names.iter().map(|n| picked.iter().any(|(of, _)| of == n)).collect();
     let stills: Vec<Frame> =
         cameras.iter().filter_map(|c| c.still.as_ref()).filter_map(|path| read_image(path).ok()).collect();
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
     Ok(from_pictures("control ball", &stills, &names, &words, &is_picked))
+}
+
+/// Refuses a ball of the table that is called by no colour: misspelt in the table, or called otherwise.
+fn no_color(table: &DistanceTable, name: &str) -> WrongCall {
+    let of = |between: MeasuredBetween| match between {
+        MeasuredBetween::Height(a) => [a, a],
+        MeasuredBetween::Distance(a, b) | MeasuredBetween::Plumb(a, b) => [a, b],
+    };
+    let is_its = |between: MeasuredBetween| of(between).iter().any(|k| table.names[*k] == name);
+    let rows = table.measured.iter().map(|m| m.between).filter(|between| is_its(*between));
+    let rows: Vec<String> = rows.map(|between| measurement_words(&table.names, between)).collect();
+    let others: Vec<&str> = table.names.iter().filter(|n| *n != name).map(String::as_str).collect();
+    WrongCall(format!(
+        "distances: the ball {name:?} ({}) is called by no colour: correct the name if it is one of {}, or give --control-color {name}=#RRGGBB",
+        rows.join("; "),
+        others.join(", ")
+    ))
 }
 
 /// Colours that were not picked, as pictures have them where they show balls that may be called so.
@@ -276,7 +299,7 @@ fn survey_words(network: &PointNetwork, table: &DistanceTable) -> String {
     if let Some(k) = network.left_out {
         words += &format!(
             "; {} disagrees with all others by {:.0} mm and is left out: measure it again",
-            mavsight_pose::measurement_words(&table.names, table.measured[k].between),
+            measurement_words(&table.names, table.measured[k].between),
             1e3 * network.residuals_m[k]
         );
     }

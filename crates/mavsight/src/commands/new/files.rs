@@ -28,9 +28,17 @@ pub(super) fn written(folder: &Path) -> String {
 /// A path as a file in the folder names it.
 fn seen_from(folder: &Path, path: &Path) -> String {
     let whole = |p: &Path| p.canonicalize().unwrap_or_else(|_| p.to_owned());
-    let (folder, path): (PathBuf, PathBuf) = (whole(folder), whole(path));
-    let named = path.strip_prefix(&folder).unwrap_or(&path);
-    quoted(&named.to_string_lossy())
+    quoted(&relative(&whole(folder), &whole(path)).to_string_lossy())
+}
+
+/// A path from a folder, both whole; as it is where they have nothing but the root in common.
+fn relative(folder: &Path, path: &Path) -> PathBuf {
+    let is_common = |folder: &&Path| folder.file_name().is_some() && path.starts_with(folder);
+    let Some((up, common)) = folder.ancestors().enumerate().find(|(_, folder)| is_common(folder)) else {
+        return path.to_owned();
+    };
+    let below = path.strip_prefix(common).unwrap_or(path);
+    std::iter::repeat_n("..", up).map(Path::new).chain([below]).collect()
 }
 
 /// A text as TOML has it.
@@ -87,4 +95,17 @@ fn vehicle(folder: &Path, answers: &Answers) -> Result<String> {
         out.push_str("\n# Values of the model's parameters for this aircraft; those of its file where left out.\n# [parameters]\n");
     }
     Ok(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_video_beside_the_folder_is_named_from_it() {
+        let named = |folder: &str, path: &str| relative(Path::new(folder), Path::new(path));
+        assert_eq!(named("/home/me/flight", "/home/me/flight/a.mp4"), Path::new("a.mp4"));
+        assert_eq!(named("/home/me/new/flight", "/home/me/videos/a.mp4"), Path::new("../../videos/a.mp4"));
+        assert_eq!(named("/home/me", "/media/card/a.mp4"), Path::new("/media/card/a.mp4"));
+    }
 }
