@@ -242,7 +242,7 @@ mod tests {
         let left = read_summary(&folder.join(names::SUMMARY)).expect("a summary");
         assert_eq!((&left["motion"], &left["smoother"]), (&Value::Null, &Value::Null));
         assert_eq!(left["cameras"], before["cameras"]);
-        // Another stage's file stays.
+        // The file of another stage is kept.
         assert!(!folder.join(names::MOTION).exists() && folder.join(names::PARAMETERS).exists());
         std::fs::remove_dir_all(&folder).expect("cleared");
     }

@@ -5,7 +5,7 @@ use super::lanes::{GROUP, Lanes, total};
 use super::linearized::Linearized;
 use super::model::{COUNT, EDGE, Model, Parameters, RESIDUAL, Row, WIDTH};
 use super::normal::{Normal, Solved};
-use super::robust::{KEPT, KEPT_BY_LARGER, biweight};
+use super::robust::biweight;
 use super::samples::Noise;
 use super::stages::Stages;
 use super::trust::Trust;
@@ -200,7 +200,7 @@ impl Weighted {
         trust.weigh(stages.patch, &spoiled);
     }
 
-    /// Variance of a sample's noise, from what is left of all by their weights, over what these keep of Gaussian noise.
+    /// Variance of a sample's noise, from what is left of all by their weights.
     #[inline(always)]
     pub(super) fn noise_variance(
         &self,
@@ -209,21 +209,21 @@ impl Weighted {
         trust: &Trust,
         noise: &Noise,
     ) -> f64 {
-        let (mut chi_square, mut expected) = (0.0, 0.0);
+        let (mut chi_square, mut count) = (0.0, 0.0);
         let pixels = stages.layout.used.len();
         for (place, pixel) in stages.pixels() {
             let weight = trust.weight[pixel];
             chi_square += self.square(left, place) * weight / self.believed[place];
-            expected += KEPT * weight;
+            count += weight;
         }
         for (place, block) in stages.blocks() {
             let weight = trust.block_weight[block];
             let both = left.colors[place].iter().zip(&self.color_information[place]);
             let squares: f32 = both.map(|(left, information)| left * left * information).sum();
             chi_square += squares * weight / self.believed[pixels + place];
-            expected += 2.0 * KEPT_BY_LARGER * weight;
+            count += 2.0 * weight;
         }
-        let free = (f64::from(expected) - DETERMINED).max(0.0);
+        let free = (f64::from(count) - DETERMINED).max(0.0);
         let seen = NOISE_WEIGHT * noise.least + f64::from(chi_square) * noise.variance;
         (seen / (NOISE_WEIGHT + free)).max(ROUNDING_VARIANCE)
     }
