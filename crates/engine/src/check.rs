@@ -111,7 +111,7 @@ fn of_tables(session: &Session) -> Vec<CheckItem> {
         .flatten();
     let errors = [inputs, sensors, log].into_iter().flatten();
     let errors = errors.map(|error| items::of_error(&EngineError::Input(error)));
-    errors.chain(ranges.into_iter().map(CheckItem::of_note)).collect()
+    errors.chain(ranges.into_iter().map(|finding| CheckItem::of_note(finding.note))).collect()
 }
 
 fn camera(name: &str) -> CameraCheck {

@@ -110,10 +110,10 @@ fn identify_beside_log(
         Some(Some(inputs)) => inputs,
         None => recorded,
     };
-    results.notes.extend(beyond_range(recorded, &flight.vehicle.model));
-    let weight = wrong_weight(&motion, recorded, flight.vehicle);
-    results.notes.extend(weight.iter().map(|finding| finding.note.clone()));
-    results.findings.extend(weight);
+    let mut found = beyond_range(recorded, &flight.vehicle.model);
+    found.extend(wrong_weight(&motion, recorded, flight.vehicle));
+    results.notes.extend(found.iter().map(|finding| finding.note.clone()));
+    results.findings.extend(found);
     let solved = equation_error(&mut motion, recorded, flight, &mut results.notes, progress);
     results.motion = log.motion.or(Some(motion));
     let mut inputs = None;

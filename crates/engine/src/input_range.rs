@@ -2,6 +2,7 @@
 
 use mavsight_flight::InputSeries;
 use mavsight_model::{Input, Model, Unit};
+use mavsight_pipeline::Finding;
 use std::f64::consts::{PI, TAU};
 
 /// Share of a range beyond an end that rounding in a table may reach.
@@ -9,8 +10,9 @@ const ROUNDING: f64 = 1e-6;
 
 /// Says of each input that leaves the range of the model's file how far it goes, and whether another unit explains that:
 /// degrees for radians, revolutions a minute for radians a second.
-pub(crate) fn beyond_range(inputs: &InputSeries, model: &Model) -> Vec<String> {
-    model.inputs.iter().filter_map(|input| of_input(&inputs.column(&input.column)?, input)).collect()
+pub(crate) fn beyond_range(inputs: &InputSeries, model: &Model) -> Vec<Finding> {
+    let notes = model.inputs.iter().filter_map(|input| of_input(&inputs.column(&input.column)?, input));
+    notes.map(|note| Finding { causes: vec![], camera: None, note }).collect()
 }
 
 fn of_input(values: &[f64], input: &Input) -> Option<String> {
@@ -28,19 +30,23 @@ fn of_input(values: &[f64], input: &Input) -> Option<String> {
         (input.is_angle, PI / 180.0, "degrees", "radians"),
         (is_rate, TAU / 60.0, "revolutions a minute", "radians a second"),
     ];
-    let explains = |factor: f64| values.iter().all(|value| is_within(value * factor));
+    // What overshoots by less than the range is wide may be in any unit.
+    let is_far = (min - least).max(largest - max) > span && span > 0.0;
+    let explains = |factor: f64| is_far && values.iter().all(|value| is_within(value * factor));
     let remedy = match other.iter().find(|(is_own, factor, ..)| *is_own && explains(*factor)) {
         Some((_, _, from, to)) => {
-            format!(
-                "in {from} all would lie within: give the column in {to}, or correct min and max of the model"
-            )
+            let within = format!("In {from} all would lie within.");
+            format!("{within} Give the column in {to}, or correct min and max of the model.")
         }
-        None => "correct the column, or min and max of the model".to_owned(),
+        None => "Correct the column, or min and max of the model.".to_owned(),
     };
+    let rounded = |value: f64| (1e4 * value).round() / 1e4;
     Some(format!(
-        "The input {} leaves its range of {min} to {max} in {outside} of {} rows and reaches {least:.4} to {largest:.4}: {remedy}.",
+        "The input {} leaves its range of {min} to {max} in {outside} of {} rows and reaches {} to {}. {remedy}",
         input.column,
-        values.len()
+        values.len(),
+        rounded(least),
+        rounded(largest)
     ))
 }
 
@@ -57,21 +63,27 @@ mod tests {
         let mut rows = [vehicle.trim(), vehicle.trim()];
         rows.iter_mut().zip(values).for_each(|(row, value)| row[place] = value);
         let inputs = InputSeries::new(names, vec![0.0, 1.0], rows.concat()).expect("a series");
-        beyond_range(&inputs, &vehicle.model)
+        beyond_range(&inputs, &vehicle.model).into_iter().map(|finding| finding.note).collect()
     }
 
     #[test]
     fn an_input_in_another_unit_is_named_with_both_units() {
         assert!(said("delta_lon_rad", [-0.35, 0.35]).is_empty());
         let degrees = said("delta_lon_rad", [-10.0, 10.0]).join("");
-        assert!(degrees.contains("2 of 2 rows") && degrees.contains("in degrees"), "{degrees}");
+        assert!(degrees.contains("2 of 2 rows") && degrees.contains("In degrees"), "{degrees}");
         let per_minute = said("omega_u_rad_s", [2000.0, 2100.0]).join("");
-        assert!(per_minute.contains("in revolutions a minute"), "{per_minute}");
+        assert!(per_minute.contains("In revolutions a minute"), "{per_minute}");
     }
 
     #[test]
     fn no_unit_is_blamed_where_it_does_not_explain_the_values() {
-        let said = said("delta_lat_rad", [0.0, 40.0]).join("");
-        assert!(said.contains("1 of 2 rows") && !said.contains("degrees"), "{said}");
+        for (column, values) in [
+            ("delta_lat_rad", [0.0, 40.0]),
+            ("delta_lat_rad", [0.0, 0.36]),
+            ("omega_u_rad_s", [200.0, 410.0]),
+        ] {
+            let said = said(column, values).join("");
+            assert!(said.contains("1 of 2 rows") && !said.contains(" would "), "{said}");
+        }
     }
 }

@@ -116,7 +116,8 @@ fn of_equations(results: &RunResults) -> Vec<Advice> {
         let what = if names.is_empty() {
             format!("The terms of {outputs} trade against each other.")
         } else {
-            format!("Equation error does not determine {} of {outputs} by themselves.", names.join(", "))
+            let themselves = if names.len() == 1 { "itself" } else { "themselves" };
+            format!("Equation error does not determine {} of {outputs} by {themselves}.", names.join(", "))
         };
         Advice { harm: Harm::Missing, what, remedy }
     }));

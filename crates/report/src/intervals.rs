@@ -37,6 +37,8 @@ struct Parameter {
 pub(crate) struct Estimates {
     estimators: Vec<String>,
     parameters: Vec<Parameter>,
+    /// Number of parameters of the equations without a value, where there are no others.
+    without_value: usize,
 }
 
 impl Estimates {
@@ -45,7 +47,7 @@ impl Estimates {
         let fits: Vec<(&str, &OutputErrorFit)> = fits.collect();
         let equations = results.identification.as_ref().and_then(|i| Some((i, lead(i)?)));
         let mut estimators: Vec<String> = fits.iter().map(|(name, _)| (*name).to_owned()).collect();
-        let mut all = Self { estimators: vec![], parameters: vec![] };
+        let mut all = Self { estimators: vec![], parameters: vec![], without_value: 0 };
         for (k, (_, fit)) in fits.iter().enumerate() {
             all.add_motion_fit(k, fit);
         }
@@ -76,6 +78,7 @@ impl Estimates {
         for p in &fit.parameters {
             let name = format!("{},{}", fit.output, p.name);
             let (Some((value, std)), Some(interval)) = (p.value.zip(p.std), p.ci_low.zip(p.ci_high)) else {
+                self.without_value += usize::from(is_alone);
                 continue;
             };
             if is_alone || self.parameters.iter().any(|own| own.name == name) {
@@ -98,7 +101,8 @@ impl Estimates {
     /// Number of parameters that are determined, and of all; derived quantities are not counted.
     pub(crate) fn determined(&self) -> (usize, usize) {
         let own = || self.parameters.iter().filter(|p| !p.is_derived);
-        (own().filter(|p| p.best().is_some_and(|(_, e)| e.is_determined)).count(), own().count())
+        let determined = own().filter(|p| p.best().is_some_and(|(_, e)| e.is_determined)).count();
+        (determined, own().count() + self.without_value)
     }
 
     /// The estimator of the values that are shown; none where there is nothing.
