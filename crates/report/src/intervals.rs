@@ -261,7 +261,7 @@ mod tests {
     fn all(by: Vec<(usize, Estimate)>) -> Estimates {
         let parameter = Parameter { name: "C_m,q".into(), unit: "s".into(), is_derived: false, by };
         let estimators = MOTION_FITS.iter().map(|name| (*name).to_owned()).collect();
-        Estimates { estimators, parameters: vec![parameter] }
+        Estimates { estimators, parameters: vec![parameter], without_value: 0 }
     }
 
     #[test]
@@ -288,6 +288,10 @@ mod tests {
         let weak = all(vec![(0, estimate(1.0, 5.0, false))]);
         assert_eq!(weak.determined(), (0, 1));
         assert_eq!(weak.lines(), [("C_m,q".to_owned(), "1.0 ± 5.0 s".to_owned(), "hardly determined")]);
-        assert!(Estimates { estimators: vec![], parameters: vec![] }.table(&Vehicle::paper()).is_none());
+        assert!(
+            Estimates { estimators: vec![], parameters: vec![], without_value: 0 }
+                .table(&Vehicle::paper())
+                .is_none()
+        );
     }
 }
