@@ -124,7 +124,8 @@ impl CameraStatus {
     }
 
     /// Takes how many frames this computer has dropped so far, before a frame of a time has [arrived](Self::arrived).
-    /// Returns why frames are lacking where that is to be reported; that a camera has stalled has been reported.
+    /// Returns why frames are lacking where that is to be reported: not where a camera has stalled, which has been reported. Of
+    /// recorded frames a slow computer takes none.
     pub(crate) fn lacks_before(&mut self, t_ns: i64, dropped: u64, now_ns: i64) -> Option<Lacking> {
         let has_dropped = std::mem::replace(&mut self.dropped, dropped) < dropped;
         let missing = self.missing_before(t_ns);
@@ -134,7 +135,8 @@ impl CameraStatus {
             (false, true) => Lacking::Dropped,
             (false, false) => return None,
         };
-        (self.reported != Some(CameraState::Stalled) && is_due(&mut self.lacking_ns, now_ns)).then_some(found)
+        let has_stalled = !self.is_played && self.reported == Some(CameraState::Stalled);
+        (!has_stalled && is_due(&mut self.lacking_ns, now_ns)).then_some(found)
     }
 
     /// Frames before one of a time that never came: neither dropped here nor passed over.
