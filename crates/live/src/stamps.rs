@@ -59,23 +59,23 @@ impl Stamps {
         self.latest_ns.iter().rev().any(|known_ns| (known_ns - t_ns).abs() <= within_ns)
     }
 
-    /// Frames that are missing between the last one and one of a later time, of a camera with about an interval.
+    /// Frames that are missing between the last one and one of a later time.
     ///
     /// They are known by a gap of whole intervals between stamps in an even beat; where stamps are uneven, as those
     /// of arrival, or too few, none is.
-    pub(crate) fn missing_before(&self, t_ns: i64, interval_ns: i64) -> u64 {
+    pub(crate) fn missing_before(&self, t_ns: i64) -> u64 {
         let Some(gap_ns) = self.latest_ns.back().map(|last_ns| t_ns.saturating_sub(*last_ns) as f64) else {
             return 0;
         };
-        if gap_ns <= HOLE_INTERVALS * interval_ns as f64 {
-            return 0;
-        }
         let apart_ns = self.apart_ns();
         if apart_ns.len() < LEAST_INTERVALS {
             return 0;
         }
         let quantile_ns = |quarters: usize| apart_ns[quarters * (apart_ns.len() - 1) / 4] as f64;
         let beat_ns = quantile_ns(2);
+        if gap_ns <= HOLE_INTERVALS * beat_ns {
+            return 0;
+        }
         let turns = (gap_ns / beat_ns).round();
         let most_ns = EVEN_INTERVALS * beat_ns;
         let is_even =
@@ -183,20 +183,20 @@ mod tests {
         for missing in 0..5 {
             for jitter_ns in [-6_000_000, 0, 6_000_000] {
                 let t_ns = (40 + missing) * STEP + jitter_ns;
-                assert_eq!(even.missing_before(t_ns, STEP), missing as u64, "{missing} {jitter_ns}");
+                assert_eq!(even.missing_before(t_ns), missing as u64, "{missing} {jitter_ns}");
             }
         }
         // Between two turns it may be a frame that was late.
-        assert_eq!(even.missing_before(40 * STEP + STEP / 2 + 1_000_000, STEP), 0);
+        assert_eq!(even.missing_before(40 * STEP + STEP / 2 + 1_000_000), 0);
         // One hole does not make a beat uneven; stamps of arrival by a network are.
-        assert_eq!(stamps((0..40).filter(|k| *k != 30)).missing_before(41 * STEP, STEP), 1);
+        assert_eq!(stamps((0..40).filter(|k| *k != 30)).missing_before(41 * STEP), 1);
         let mut uneven = Stamps::default();
         (0..40).for_each(|k| uneven.push(k * STEP + [0, 14_000_000, 3_000_000, 25_000_000][k as usize % 4]));
-        assert_eq!(uneven.missing_before(41 * STEP, STEP), 0);
-        assert_eq!(stamps(0..4).missing_before(9 * STEP, STEP), 0);
+        assert_eq!(uneven.missing_before(41 * STEP), 0);
+        assert_eq!(stamps(0..4).missing_before(9 * STEP), 0);
         // In dim light a camera takes every second frame: its beat is another one then.
         let slow = stamps((0..40).chain((40..80).step_by(2)));
-        assert_eq!(slow.missing_before(80 * STEP, STEP), 0);
+        assert_eq!(slow.missing_before(80 * STEP), 0);
     }
 
     #[test]

@@ -124,8 +124,7 @@ impl CameraStatus {
     }
 
     /// Takes how many frames this computer has dropped so far, before a frame of a time has [arrived](Self::arrived).
-    /// Returns why frames are lacking where that is to be reported: not where a camera has stalled, which has been reported. Of
-    /// recorded frames a slow computer takes none.
+    /// Returns why frames are lacking where that is to be reported; that a camera has stalled has been reported.
     pub(crate) fn lacks_before(&mut self, t_ns: i64, dropped: u64, now_ns: i64) -> Option<Lacking> {
         let has_dropped = std::mem::replace(&mut self.dropped, dropped) < dropped;
         let missing = self.missing_before(t_ns);
@@ -135,8 +134,7 @@ impl CameraStatus {
             (false, true) => Lacking::Dropped,
             (false, false) => return None,
         };
-        let has_stalled = !self.is_played && self.reported == Some(CameraState::Stalled);
-        (!has_stalled && is_due(&mut self.lacking_ns, now_ns)).then_some(found)
+        (self.reported != Some(CameraState::Stalled) && is_due(&mut self.lacking_ns, now_ns)).then_some(found)
     }
 
     /// Frames before one of a time that never came: neither dropped here nor passed over.
@@ -145,7 +143,7 @@ impl CameraStatus {
         if was_passed_over || self.repeated_ns.is_some() {
             return 0;
         }
-        let lacking = self.stamps.missing_before(t_ns, self.interval_ns);
+        let lacking = self.stamps.missing_before(t_ns);
         // A frame that was dropped while an earlier one was tracked leaves its gap later.
         let dropped = lacking.min(self.dropped - self.dropped_gaps);
         self.dropped_gaps += dropped;
