@@ -11,7 +11,7 @@ use mavsight_session::RunResults;
 const COLUMNS: usize = 100;
 const LINES: usize = 22;
 /// Lines that a sentence of the overview may take, and a finding with its remedy.
-const LINES_OF_SENTENCE: usize = 2;
+const LINES_OF_SENTENCE: usize = 3;
 const LINES_OF_FINDING: usize = 4;
 /// Lines that parameters take at least, where there are any: a gap, a heading and two rows.
 const LINES_OF_PARAMETERS: usize = 4;
