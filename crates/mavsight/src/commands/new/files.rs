@@ -104,8 +104,8 @@ mod tests {
     #[test]
     fn a_video_beside_the_folder_is_named_from_it() {
         let named = |folder: &str, path: &str| relative(Path::new(folder), Path::new(path));
-        assert_eq!(named("/home/me/flight", "/home/me/flight/a.mp4"), Path::new("a.mp4"));
-        assert_eq!(named("/home/me/new/flight", "/home/me/videos/a.mp4"), Path::new("../../videos/a.mp4"));
-        assert_eq!(named("/home/me", "/media/card/a.mp4"), Path::new("/media/card/a.mp4"));
+        assert_eq!(named("/rec/me/flight", "/rec/me/flight/a.mp4"), Path::new("a.mp4"));
+        assert_eq!(named("/rec/me/new/flight", "/rec/me/videos/a.mp4"), Path::new("../../videos/a.mp4"));
+        assert_eq!(named("/rec/me", "/media/card/a.mp4"), Path::new("/media/card/a.mp4"));
     }
 }
