@@ -1,4 +1,5 @@
-//! Every input that a user may get wrong ends with one message that names the file and the place.
+//! Input that a user may get wrong ends the program with one message that names the file and the place, and with no results.
+//! What is wrong with a file by itself is refused by its reader, and tested there.
 
 mod common;
 
@@ -70,52 +71,6 @@ fn a_missing_session_file() {
     let assert = mavsight().args(["run", "nowhere/session.toml", "--out", "never"]).assert().code(2);
     let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
     assert!(message.contains("nowhere/session.toml"), "{message}");
-}
-
-#[test]
-fn a_missing_file() {
-    let session = Session::new();
-    std::fs::remove_file(session.path("inputs.csv")).expect("the file was there");
-    session.is_refused(&["inputs.csv"]);
-}
-
-#[test]
-fn a_missing_still() {
-    let session = Session::new();
-    std::fs::remove_file(session.path("cam2-control.png")).expect("the file was there");
-    session.is_refused(&["cam2-control.png"]);
-}
-
-#[test]
-fn an_unknown_key() {
-    let session = Session::new();
-    session.replace("session.toml", "schema = 1", "schema = 1\nvehicel = \"vehicle.toml\"");
-    session.is_refused(&["session.toml", "vehicel"]);
-}
-
-#[test]
-fn an_unknown_key_in_the_vehicle() {
-    let session = Session::new();
-    session.replace("vehicle.toml", "mass_kg", "weight_kg = 0.8\nmass_kg");
-    session.is_refused(&["vehicle.toml", "weight_kg"]);
-}
-
-#[test]
-fn an_unknown_color() {
-    let session = Session::new();
-    session.edit_lines("control_points.csv", |lines| {
-        let cut = lines[3].rfind(',').expect("columns");
-        lines[3].truncate(cut);
-        lines[3].push_str(",reddish");
-    });
-    session.is_refused(&["control_points.csv", "reddish", "#rrggbb"]);
-}
-
-#[test]
-fn a_column_that_is_not_there() {
-    let session = Session::new();
-    session.replace("inputs.csv", "delta_lon_rad", "delta_long_rad");
-    session.is_refused(&["inputs.csv", "delta_lon_rad"]);
 }
 
 #[test]
