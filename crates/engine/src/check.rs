@@ -13,7 +13,7 @@ mod trials;
 
 pub use control::ControlBall;
 pub(crate) use film::{Part, coded as coded_light};
-pub use film::{Shot, Spot, hue};
+pub use film::{Shot, Spot};
 pub use items::{CheckItem, Harm};
 pub use smear::Exposure;
 

@@ -1,12 +1,10 @@
 //! Colours of balls as pictures have them, by what people call them.
 
 use mavsight_flight::Color;
-use mavsight_vision::{BallColor, Detection, Detector, Frame};
+use mavsight_vision::{BallColor, Detection, Detector, Frame, LEAST_HUE_APART_DEG, hue};
 
 /// Hues that are looked for, degrees apart: half of it is more than the least gate of the detection.
 const PROBES_DEG: usize = 10;
-/// Difference of hue at which a ball of one picture may be that of another: the detection distinguishes no nearer ones.
-const SAME_DEG: f64 = 6.0;
 /// Difference of hue that counts as much as a shape that is no ball at all: words for colours are as wide.
 const WORD_DEG: f64 = 30.0;
 /// Difference of hue beyond which a colour has another name.
@@ -25,7 +23,9 @@ pub fn colors_in_pictures(pictures: &[Frame], nominal: &[Color]) -> Vec<Option<C
     let seen: Vec<Vec<Candidate>> = pictures.iter().map(candidates).collect();
     let Some((first, others)) = seen.split_first() else { return vec![None; nominal.len()] };
     let in_others = |own: &Candidate| {
-        let is_there = |all: &&Vec<Candidate>| all.iter().any(|c| apart_deg(c.rgb, own.rgb) < SAME_DEG);
+        // Nearer ones the detection does not distinguish.
+        let is_same = |c: &Candidate| apart_deg(c.rgb, own.rgb) < LEAST_HUE_APART_DEG;
+        let is_there = |all: &&Vec<Candidate>| all.iter().any(is_same);
         others.iter().filter(is_there).count() as f64 / others.len().max(1) as f64
     };
     let doubts: Vec<f64> = first
@@ -106,7 +106,7 @@ fn of_hue(angle: f64) -> [u8; 3] {
 /// Angle between two hues, degrees.
 fn apart_deg(a: [u8; 3], b: [u8; 3]) -> f64 {
     let angle = |rgb: [u8; 3]| {
-        let own = crate::check::hue(Color::new(rgb[0], rgb[1], rgb[2]).to_linear());
+        let own = hue(Color::new(rgb[0], rgb[1], rgb[2]).to_linear());
         own.y.atan2(own.x).to_degrees()
     };
     let apart = (angle(a) - angle(b)).rem_euclid(360.0);

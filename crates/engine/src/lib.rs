@@ -23,7 +23,7 @@ mod tracking;
 mod weight;
 
 pub use calibration::calibrate;
-pub use check::{CameraCheck, CheckItem, ControlBall, Exposure, Harm, SessionCheck, Shot, Spot, check, hue};
+pub use check::{CameraCheck, CheckItem, ControlBall, Exposure, Harm, SessionCheck, Shot, Spot, check};
 pub use colors::colors_in_pictures;
 pub use error::EngineError;
 pub use frames::{camera_feeds, first_frames};

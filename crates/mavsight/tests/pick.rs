@@ -10,7 +10,7 @@ use mavsight::flight::Color;
 use mavsight::geometry::{Camera, Point3, Vector2, Vector3, world_from_body};
 use mavsight::pose::Rig;
 use mavsight::session::{self, read_control_points};
-use mavsight::{engine, lab, score};
+use mavsight::{lab, score, vision};
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
@@ -245,6 +245,6 @@ fn clicks_on_markers_give_a_vehicle_file_with_wrong_colours_those_of_its_balls()
 
 /// Whether two colours are of one hue, as far as a lamp's colour leaves it.
 fn are_alike(a: Color, b: Color) -> bool {
-    let hue = |color: Color| engine::hue(color.to_linear()).normalize();
+    let hue = |color: Color| vision::hue(color.to_linear()).normalize();
     hue(a).dot(&hue(b)) > f64::cos(8.0_f64.to_radians())
 }

@@ -5,6 +5,8 @@
 //! where it is. So a hue is compared as an angle in that plane, and saturation serves only as a floor.
 
 use crate::VisionError;
+use mavsight_geometry::Vector2;
+use nalgebra::{RealField, convert};
 use std::sync::LazyLock;
 
 /// A marker's name and the colour a person would pick for it.
@@ -16,11 +18,11 @@ pub struct BallColor {
     pub rgb: [u8; 3],
 }
 
-/// Smallest angle between two hues, degrees.
+/// Smallest angle between two hues that are distinguished, degrees.
 ///
 /// Noise of two grey levels turns the hue of one pixel of a ball by about two degrees, that of the nine
 /// pixels inside the smallest ball by 0.7; the half angle must hold four standard deviations of that.
-pub(crate) const LEAST_HUE_APART_DEG: f64 = 6.0;
+pub const LEAST_HUE_APART_DEG: f64 = 6.0;
 
 /// Furthest that a surface's hue is taken to move with the colour of the light (lamp to daylight) and
 /// neighbours' reflections, degrees.
@@ -30,18 +32,19 @@ const GREATEST_HUE_CHANGE_DEG: f64 = 25.0;
 /// than neutral light.
 pub(crate) const LEAST_PURITY: f32 = 0.5;
 
-/// Chroma in linear light that stands out of the noise: four deviations of two grey levels at the dark end,
-/// where a level is 0.0025 at most.
-pub(crate) const LEAST_CHROMA: f32 = 0.02;
+/// Chroma, the length of a [`hue()`] of linear light, that stands out of the noise: four deviations of two grey
+/// levels at the dark end, where a level is 0.0025 at most.
+pub const LEAST_CHROMA: f32 = 0.02;
 
-/// sRGB code to linear light (IEC 61966-2-1).
-static LINEAR: LazyLock<[f32; 256]> = LazyLock::new(|| {
-    std::array::from_fn(|code| {
-        let s = code as f64 / 255.0;
-        let linear = if s <= 0.040_45 { s / 12.92 } else { ((s + 0.055) / 1.055).powf(2.4) };
-        linear as f32
-    })
-});
+/// Linear light of an sRGB code, 1 that of the greatest (IEC 61966-2-1).
+pub fn linear_light(code: u8) -> f64 {
+    let s = f64::from(code) / 255.0;
+    if s <= 0.040_45 { s / 12.92 } else { ((s + 0.055) / 1.055).powf(2.4) }
+}
+
+/// [`linear_light`] of each code.
+static LINEAR: LazyLock<[f32; 256]> =
+    LazyLock::new(|| std::array::from_fn(|code| linear_light(code as u8) as f32));
 
 /// Least code that a channel of a coloured pixel has: chroma is at most the difference of its strongest and
 /// weakest channel.
@@ -68,7 +71,7 @@ impl Seen {
         let [r, g, b] = linear;
         let most = r.max(g).max(b);
         let purity = if most > 0.0 { 1.0 - r.min(g).min(b).max(0.0) / most } else { 0.0 };
-        Self { purity, ..Self::pure(hue_of(linear)) }
+        Self { purity, ..Self::pure(hue(linear).into()) }
     }
 
     /// A saturated colour by its hue.
@@ -101,7 +104,7 @@ impl Seen {
 /// and its quotient.
 #[inline(always)]
 pub(crate) fn colored_hue([r, g, b]: [f32; 3]) -> Option<[f32; 2]> {
-    let hue = hue_of([r, g, b]);
+    let hue: [f32; 2] = hue([r, g, b]).into();
     let (high, low) = if r > g { (r, g) } else { (g, r) };
     let (most, least) = (if b > high { b } else { high }, if b < low { b } else { low });
     let is_pure = least <= (1.0 - LEAST_PURITY) * most;
@@ -109,9 +112,12 @@ pub(crate) fn colored_hue([r, g, b]: [f32; 3]) -> Option<[f32; 2]> {
     (is_pure & is_strong).then_some(hue)
 }
 
-/// Linear light in the plane perpendicular to grey.
-fn hue_of([r, g, b]: [f32; 3]) -> [f32; 2] {
-    [r - 0.5 * (g + b), 0.866_025_4 * (g - b)]
+/// Linear light, red, green and blue, in the plane perpendicular to grey: along the hue of red, and a right angle from it. Its
+/// direction is the hue, whatever the brightness; its length is the chroma.
+#[inline(always)]
+pub fn hue<T: RealField + Copy>([r, g, b]: [T; 3]) -> Vector2<T> {
+    let (half, sine_60_deg): (T, T) = (convert(0.5_f64), convert(0.866_025_403_784_438_6_f64));
+    Vector2::new(r - half * (g + b), sine_60_deg * (g - b))
 }
 
 /// One marker's place among the hues.

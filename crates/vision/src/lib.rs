@@ -21,7 +21,7 @@ mod window;
 
 pub use board::{BoardCorner, CodedBoard, CodedBoardError, MarkerDictionary, find_board, find_coded_board};
 pub use centre::MODEL_STD;
-pub use color::BallColor;
+pub use color::{BallColor, LEAST_CHROMA, LEAST_HUE_APART_DEG, hue, linear_light};
 pub use detect::{Detection, Detector};
 pub use error::VisionError;
 pub use frame::{Frame, Pixels, YuvMatrix};

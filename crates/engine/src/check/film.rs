@@ -4,7 +4,7 @@ use mavsight_flight::Vehicle;
 use mavsight_geometry::{ImageSize, Vector2};
 use mavsight_pipeline::{CameraFeed, TimedFrame, Tracked, usual_interval_ns};
 use mavsight_pose::{Rig, TrackedDetection};
-use mavsight_vision::Frame;
+use mavsight_vision::{Frame, linear_light};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Frames of a camera that are kept.
@@ -210,12 +210,6 @@ impl Film {
     }
 }
 
-/// Linear light of an sRGB code (IEC 61966-2-1).
-pub(super) fn linear(code: u8) -> f64 {
-    let s = f64::from(code) / 255.0;
-    if s <= 0.040_45 { s / 12.92 } else { ((s + 0.055) / 1.055).powf(2.4) }
-}
-
 /// sRGB code of linear light.
 pub(crate) fn coded(light: f64) -> u8 {
     let s = if light <= 0.003_130_8 { 12.92 * light } else { 1.055 * light.max(0.0).powf(1.0 / 2.4) - 0.055 };
@@ -233,7 +227,7 @@ pub(super) fn ring_light(frame: &Frame, at: Vector2<f64>, from_px: f64, to_px: f
             if away_px >= from_px && away_px <= to_px {
                 let rgb = frame.rgb(x as usize, y as usize);
                 for (sum, code) in sum.iter_mut().zip(rgb) {
-                    *sum += linear(code);
+                    *sum += linear_light(code);
                 }
                 count += 1.0;
             }
@@ -246,12 +240,6 @@ pub(super) fn ring_light(frame: &Frame, at: Vector2<f64>, from_px: f64, to_px: f
 pub(super) fn disc_rgb(frame: &Frame, at: Vector2<f64>, diameter_px: f64) -> [u8; 3] {
     let inside_px = (0.5 * diameter_px - 1.0).max(1.0);
     ring_light(frame, at, 0.0, inside_px).map_or([0; 3], |light| light.map(coded))
-}
-
-/// Linear light, red, green and blue, in the plane perpendicular to grey: along the hue of red, and a right angle from it. Its
-/// direction is the hue, whatever the brightness.
-pub fn hue([r, g, b]: [f64; 3]) -> Vector2<f64> {
-    Vector2::new(r - 0.5 * (g + b), 0.75_f64.sqrt() * (g - b))
 }
 
 #[cfg(test)]

@@ -1,11 +1,12 @@
 //! Markers that no camera has seen: of another colour than the file says, or not there.
 
-use super::film::{Film, coded, hue, ring_light};
+use super::film::{Film, coded, ring_light};
 use super::{CheckItem, Look};
 use mavsight_flight::{Color, Vehicle};
 use mavsight_geometry::Vector2;
 use mavsight_pipeline::Cause;
 use mavsight_pose::Rig;
+use mavsight_vision::{LEAST_CHROMA, hue};
 
 /// Share of a camera's frames up to which a marker counts as never seen: met by chance.
 const NEVER: f64 = 0.1;
@@ -115,9 +116,6 @@ fn colour_there(rig: &Rig, film: &Film, vehicle: &Vehicle, marker: usize) -> Opt
         all[all.len() / 2]
     };
     // A ball is seen before many backgrounds: its own colour is the same.
-    let is_sure = mean.norm() > SURE * (var / count).sqrt() && mean.norm() > LEAST_CHROMA;
+    let is_sure = mean.norm() > SURE * (var / count).sqrt() && mean.norm() > f64::from(LEAST_CHROMA);
     Some(([median(0), median(1), median(2)], is_sure, differences.len()))
 }
-
-/// Chroma that stands out of the noise, as the detection has it.
-const LEAST_CHROMA: f64 = 0.02;

@@ -4,12 +4,12 @@
 //! the one across as it was: lens, pixel and encoder widen both alike. The slope of the difference by the square of the
 //! speed is the square of the time of exposure.
 
-use super::film::{Film, hue, linear, ring_light};
+use super::film::{Film, ring_light};
 use super::{CameraCheck, CheckItem};
 use mavsight_geometry::{Matrix2, Vector2};
 use mavsight_pipeline::Cause;
 use mavsight_pose::MarkerObservation;
-use mavsight_vision::Frame;
+use mavsight_vision::{Frame, hue, linear_light};
 
 /// Standard deviation along its motion from which a smear spreads a small ball's edges over the whole of it, as blur
 /// by the lens does (`mavsight_pipeline`, out of focus).
@@ -150,7 +150,7 @@ fn stretch_px2(
             }
             let rgb = frame.rgb(usize::try_from(x).ok()?, usize::try_from(y).ok()?);
             // Share of the pixel that shows the ball.
-            let share = (hue(rgb.map(linear)) - ground).dot(&contrast) / strength;
+            let share = (hue(rgb.map(linear_light)) - ground).dot(&contrast) / strength;
             let share = share.clamp(-0.2, 1.2);
             sum += share;
             first += away * share;

@@ -1,13 +1,13 @@
 //! What may be wrong with frames, undone: the same calls are made again, and what mends them is the cause.
 
-use super::film::{Film, coded, linear};
+use super::film::{Film, coded};
 use super::{CheckItem, Look};
 use crate::EngineError;
 use crate::calibration::objects_with;
 use mavsight_pipeline::{CameraFeed, Cause, PipelineError, Progress, TimedFrame};
 use mavsight_pose::PoseEstimate;
 use mavsight_session::Session;
-use mavsight_vision::Frame;
+use mavsight_vision::{Frame, linear_light};
 
 /// A feed whose frames pass through a function.
 pub(super) fn altered(
@@ -128,12 +128,12 @@ pub(super) fn dark_cameras(look: &Look<'_>, film: &Film) -> Vec<CheckItem> {
             .filter_map(|j| film.taps[j].frames.first().map(|(_, frame)| bright_light(frame)))
             .fold(0.0, f64::max);
         let wanted = still.as_ref().map_or(other, bright_light).max(other);
-        let gain = wanted / own.max(linear(1));
+        let gain = wanted / own.max(linear_light(1));
         // A stop of light is what cameras of one room differ by.
         if gain < 2.0 {
             continue;
         }
-        let table: [u8; 256] = std::array::from_fn(|code| coded(gain * linear(code as u8)));
+        let table: [u8; 256] = std::array::from_fn(|code| coded(gain * linear_light(code as u8)));
         let lit = look.film(&session.vehicle, move |j, feed| {
             if j == k { altered(feed, move |frame| by_table(&frame, &table)) } else { feed }
         });
@@ -165,5 +165,5 @@ fn bright_light(frame: &Frame) -> f64 {
         above += counts[usize::from(*code)];
         above > enough
     });
-    linear(code.unwrap_or(0))
+    linear_light(code.unwrap_or(0))
 }

@@ -1,12 +1,12 @@
 //! check.html: what each camera sees before the flight is run.
 
 use anyhow::Result;
-use mavsight_engine::{CameraCheck, CheckItem, Harm, SessionCheck, Shot, hue};
+use mavsight_engine::{CameraCheck, CheckItem, Harm, SessionCheck, Shot};
 use mavsight_flight::Color;
 use mavsight_geometry::{ImageSize, Vector2};
 use mavsight_report::{Figure, Report, ReportSection, Table, picture_address, render};
 use mavsight_session::write_whole;
-use mavsight_vision::Frame;
+use mavsight_vision::{Frame, hue};
 use std::f64::consts::TAU;
 use std::fmt::Write;
 use std::path::Path;
