@@ -31,25 +31,13 @@ pub fn read_inputs(path: &Path, vehicle: &Vehicle) -> Result<InputSeries, Sessio
     let is_other = |name: &str| !name.is_empty() && name != TIME_COLUMN;
     let other_alone = table.names().any(is_other) && !table.names().any(|name| own.contains(&name));
     let needed: &[&str] = if other_alone { &[] } else { &own };
-    let column = |place: usize| table.rows().and_then(|rows| rows.map(|row| row.number(place)).collect());
-    let times_s: Vec<f64> = column(table.column(TIME_COLUMN)?)?;
+    let time = table.column(TIME_COLUMN)?;
+    let times_s = table.rows()?.map(|row| row.number(time)).collect::<Result<Vec<f64>, _>>()?;
     for name in needed {
         table.column(name)?;
     }
-    let (mut names, mut columns) = (Vec::new(), Vec::<Vec<f64>>::new());
-    for (place, name) in table.names().enumerate().filter(|(_, n)| !n.is_empty() && *n != TIME_COLUMN) {
-        match column(place) {
-            Ok(values) => {
-                names.push(name.to_owned());
-                columns.push(values);
-            }
-            Err(broken) if needed.contains(&name) => return Err(broken),
-            // Words, or a log with empty cells.
-            Err(_) => {}
-        }
-    }
-    let row = |k: usize| columns.iter().map(move |values| values[k]);
-    let values = (0..times_s.len()).flat_map(row).collect();
+    let (names, values) =
+        columns_of_numbers(&table, |name| needed.contains(&name), |row, place| row.number(place))?;
     InputSeries::new(names, times_s, values).map_err(|source| SessionError::content(path, source))
 }
 
@@ -64,26 +52,35 @@ pub fn read_sensors(path: &Path, model: &Model) -> Result<SensorSeries, SessionE
     let time = table.column(TIME_COLUMN)?;
     let times_ns = table.rows()?.map(|row| row.time_ns(time)).collect::<Result<Vec<i64>, _>>()?;
     let is_empty = |text: &str| text.is_empty() || text.eq_ignore_ascii_case("nan");
-    let column = |place: usize| -> Result<Vec<f64>, SessionError> {
-        let cell = |row: Row<'_>| if is_empty(row.text(place)) { Ok(f64::NAN) } else { row.number(place) };
-        table.rows()?.map(cell).collect()
-    };
-    let (mut names, mut columns) = (Vec::new(), Vec::<Vec<f64>>::new());
+    let is_needed = |name: &str| model.sensors.iter().any(|s| s.column == name);
+    let (names, values) = columns_of_numbers(&table, is_needed, |row, place| {
+        if is_empty(row.text(place)) { Ok(f64::NAN) } else { row.number(place) }
+    })?;
+    let all = SensorSeries::new(names, times_ns, values).and_then(|all| all.of(model));
+    all.map_err(|source| SessionError::content(path, source))
+}
+
+/// Names of the columns besides the time that hold numbers alone, and their values row by row. Others hold words, or are
+/// of a log with empty cells; one that is needed is refused.
+fn columns_of_numbers(
+    table: &Table,
+    is_needed: impl Fn(&str) -> bool,
+    number: impl Fn(Row<'_>, usize) -> Result<f64, SessionError>,
+) -> Result<(Vec<String>, Vec<f64>), SessionError> {
+    let (mut names, mut columns) = (Vec::new(), Vec::new());
     for (place, name) in table.names().enumerate().filter(|(_, n)| !n.is_empty() && *n != TIME_COLUMN) {
-        match column(place) {
+        match table.rows()?.map(|row| number(row, place)).collect::<Result<Vec<f64>, _>>() {
             Ok(values) => {
                 names.push(name.to_owned());
                 columns.push(values);
             }
-            Err(broken) if model.sensors.iter().any(|s| s.column == name) => return Err(broken),
-            // Words.
+            Err(broken) if is_needed(name) => return Err(broken),
             Err(_) => {}
         }
     }
+    let rows = columns.first().map_or(0, Vec::len);
     let row = |k: usize| columns.iter().map(move |values| values[k]);
-    let values = (0..times_ns.len()).flat_map(row).collect();
-    let all = SensorSeries::new(names, times_ns, values).and_then(|all| all.of(model));
-    all.map_err(|source| SessionError::content(path, source))
+    Ok((names, (0..rows).flat_map(row).collect()))
 }
 
 /// Writes recorded inputs: their times, and every column under its name.
