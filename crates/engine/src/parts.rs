@@ -1,7 +1,7 @@
 //! Parts of a flight: those that the inputs cover, and those without a gap.
 
 use mavsight_flight::InputSeries;
-use mavsight_pose::{Motion, MotionSample};
+use mavsight_pose::{Motion, MotionSample, median};
 use std::ops::Range;
 
 /// Calls a function on a part of a motion alone. Nothing is copied: of a long flight a copy would be large.
@@ -57,9 +57,7 @@ pub(crate) fn held_long(inputs: &InputSeries) -> Option<String> {
     const MANY: f64 = 10.0;
     let times_s = inputs.times_s();
     let step_s = |w: &[f64]| w[1] - w[0];
-    let mut steps_s: Vec<f64> = times_s.windows(2).map(step_s).collect();
-    steps_s.sort_by(f64::total_cmp);
-    let usual_s = steps_s[steps_s.len() / 2];
+    let usual_s = median(times_s.windows(2).map(step_s).collect())?;
     let longest = times_s.windows(2).max_by(|a, b| step_s(a).total_cmp(&step_s(b)))?;
     let (from, to) = (longest[0], longest[1]);
     if to - from <= LONG_S.max(MANY * usual_s) {

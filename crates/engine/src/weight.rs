@@ -4,7 +4,7 @@ use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_geometry::{Vector3, centroid_and_spread};
 use mavsight_model::{Dynamics, RIGID_STATES};
 use mavsight_pipeline::{Cause, Finding};
-use mavsight_pose::{Motion, MotionSample};
+use mavsight_pose::{Motion, MotionSample, median};
 
 /// Samples of the motion that are looked at.
 const SAMPLED: usize = 100;
@@ -88,8 +88,7 @@ fn force_ratio(motion: &Motion, inputs: &InputSeries, vehicle: &Vehicle) -> Opti
     let every = (motion.samples.len() / SAMPLED).max(1);
     let mut ratios: Vec<f64> = motion.samples.iter().step_by(every).filter_map(&mut of).collect();
     ratios.retain(|r| r.is_finite());
-    ratios.sort_by(f64::total_cmp);
-    ratios.get(ratios.len() / 2).copied()
+    median(ratios)
 }
 
 #[cfg(test)]

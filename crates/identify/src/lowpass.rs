@@ -2,7 +2,7 @@
 
 use crate::IdentifyError;
 use mavsight_flight::response::interpolate;
-use mavsight_pose::lowpass_like;
+use mavsight_pose::{lowpass_like, median};
 
 /// A series at other times, by straight lines.
 pub(crate) fn read(times_s: &[f64], series: &[f64], at_s: &[f64]) -> Result<Vec<f64>, IdentifyError> {
@@ -26,7 +26,7 @@ pub(crate) fn means_of_held(times_s: &[f64], series: &[f64], grid_s: &[f64], ste
 /// Low-pass of a series at times that may be unevenly spaced: on a grid of their median interval, and back.
 pub(crate) fn lowpass_at(t_s: &[f64], values: &[f64], bandwidth_hz: f64) -> Vec<f64> {
     let intervals: Vec<f64> = t_s.windows(2).map(|w| w[1] - w[0]).collect();
-    let step_s = median(intervals.clone());
+    let step_s = median(intervals.clone()).unwrap_or(0.0);
     if step_s <= 0.0 {
         return values.to_vec();
     }
@@ -41,11 +41,6 @@ pub(crate) fn lowpass_at(t_s: &[f64], values: &[f64], bandwidth_hz: f64) -> Vec<
     let back = smooth.and_then(|series| read(&grid_s, &series, t_s));
     // Both reads lie inside their grids; were they not, the series would be returned as it is.
     back.unwrap_or_else(|_| values.to_vec())
-}
-
-pub(crate) fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
 #[cfg(test)]

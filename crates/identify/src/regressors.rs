@@ -2,7 +2,7 @@
 
 use crate::coloured::coloured;
 use crate::inverse::log_determinant;
-use crate::lowpass::{lowpass_at, median};
+use crate::lowpass::lowpass_at;
 use crate::model::{self, EquationFile, Equations};
 use crate::noise::{Bands, SignalErrors, Source, SourceVariance, Term, Transfer};
 use crate::passed::Passed;
@@ -11,7 +11,7 @@ use crate::table::{CoefficientTable, Column, Fixed, Output};
 use crate::{Correlation, IdentifyError, least_squares};
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_model::regression::RegressionEquation;
-use mavsight_pose::Motion;
+use mavsight_pose::{Motion, median};
 use nalgebra::{DMatrix, DVector, DVectorView};
 
 /// The low-pass that both sides of a regression pass in addition to the smoother's.
@@ -154,9 +154,9 @@ fn usable(flight: &Flight<'_>, margin_s: f64) -> Vec<bool> {
     let mut out = vec![true; flight.t_s.len()];
     for source in Source::all() {
         let variances = flight.variances(source);
-        let median = median(variances.clone());
+        let usual = median(variances.clone()).unwrap_or(0.0);
         for (usable, variance) in out.iter_mut().zip(&variances) {
-            *usable &= median == 0.0 || *variance <= 9.0 * median;
+            *usable &= usual == 0.0 || *variance <= 9.0 * usual;
         }
     }
     for (from_s, to_s) in flight.gaps_s() {
@@ -244,7 +244,7 @@ impl Draft {
         let used: Vec<usize> = (0..usable.len()).filter(|row| usable[*row]).collect();
         let errors = SignalErrors::new(&bands, &terms, |source| {
             let by_row = flight.variances(source);
-            let usual = median(used.iter().map(|row| by_row[*row]).collect());
+            let usual = median(used.iter().map(|row| by_row[*row]).collect()).unwrap_or(0.0);
             SourceVariance { by_row, usual }
         });
         let column = |(j, (named, signal)): (usize, &(Named, Signal))| {

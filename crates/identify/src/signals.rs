@@ -2,7 +2,7 @@
 
 use crate::IdentifyError;
 use crate::further::{Further, between};
-use crate::lowpass::{lowpass_at, means_of_held, median, read};
+use crate::lowpass::{lowpass_at, means_of_held, read};
 use crate::model::Equations;
 use crate::noise::{Source, Term, Transfer};
 use crate::passed::Passed;
@@ -13,7 +13,7 @@ use mavsight_model::Axis;
 use mavsight_model::regression::{
     InputSignal, MotionSignal, RegressionEquation, Regressor, StateResponse, StateTerm,
 };
-use mavsight_pose::{Motion, MotionSample, lowpass_like};
+use mavsight_pose::{Motion, MotionSample, lowpass_like, median};
 use nalgebra::Matrix3;
 
 #[derive(Debug, Clone, PartialEq)]
@@ -125,7 +125,7 @@ impl<'a> Flight<'a> {
             Source::Position(_) => self.of(|s| (0..3).map(|k| s.covariance.variance(k)).sum::<f64>() / 3.0),
         };
         let beyond = all.iter().zip(self.variances(source)).map(|(all, own)| all - own);
-        (all[0] - median(beyond.collect()).max(0.0)).max(0.0).sqrt()
+        (all[0] - median(beyond.collect()).map_or(0.0, |own| own.max(0.0))).max(0.0).sqrt()
     }
 
     /// Standard deviation over value of what a measured force or moment is multiplied by.

@@ -1,5 +1,6 @@
 //! Clocks of cameras that are set while they film.
 
+use mavsight_pose::MAD_TO_STD;
 use std::collections::VecDeque;
 
 /// Frames by which it is known how regularly a camera's frames are stamped and arrive: a second of video.
@@ -8,8 +9,6 @@ const KEPT: usize = 31;
 const GATE: f64 = 6.0;
 /// Logarithm of the odds, 999 to 1, at which it was the clock and not the camera that left the beat.
 const DECISIVE_LOG_ODDS: f64 = 6.907;
-/// Standard deviations in a median absolute deviation of normal noise.
-const STD_OF_MAD: f64 = 1.4826;
 /// A stamp in whole milliseconds is off by up to this.
 const RESOLUTION_NS: f64 = 1e6;
 
@@ -212,7 +211,7 @@ fn middle_and_std(values_ns: impl Iterator<Item = i64>) -> (i64, f64) {
     let mut values_ns: Vec<i64> = values_ns.collect();
     let middle_ns = middle(&mut values_ns);
     values_ns.iter_mut().for_each(|value_ns| *value_ns = (*value_ns - middle_ns).abs());
-    (middle_ns, STD_OF_MAD * middle(&mut values_ns) as f64)
+    (middle_ns, MAD_TO_STD * middle(&mut values_ns) as f64)
 }
 
 #[cfg(test)]

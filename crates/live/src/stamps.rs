@@ -1,5 +1,6 @@
 //! What is wrong with a camera's time stamps.
 
+use mavsight_pipeline::usual_interval_ns;
 use std::collections::VecDeque;
 
 /// Latest time stamps that are kept: a second of video.
@@ -67,10 +68,12 @@ impl Stamps {
         let Some(gap_ns) = self.latest_ns.back().map(|last_ns| t_ns.saturating_sub(*last_ns) as f64) else {
             return 0;
         };
-        let apart_ns = self.apart_ns();
+        let mut apart_ns: Vec<i64> =
+            self.latest_ns.iter().zip(self.latest_ns.iter().skip(1)).map(|(a, b)| b - a).collect();
         if apart_ns.len() < LEAST_INTERVALS {
             return 0;
         }
+        apart_ns.sort_unstable();
         let quantile_ns = |quarters: usize| apart_ns[quarters * (apart_ns.len() - 1) / 4] as f64;
         let beat_ns = quantile_ns(2);
         if gap_ns <= HOLE_INTERVALS * beat_ns {
@@ -83,14 +86,6 @@ impl Stamps {
         if is_even { (turns as u64).saturating_sub(1) } else { 0 }
     }
 
-    /// Times between the latest stamps, in ascending order.
-    fn apart_ns(&self) -> Vec<i64> {
-        let mut apart_ns: Vec<i64> =
-            self.latest_ns.iter().zip(self.latest_ns.iter().skip(1)).map(|(a, b)| b - a).collect();
-        apart_ns.sort_unstable();
-        apart_ns
-    }
-
     /// Why the frame that came now is not later than the last.
     pub(crate) fn why_backward(&mut self, t_ns: i64, interval_ns: i64) -> Backward {
         // A clock that was set back comes by the latest stamp once more.
@@ -101,9 +96,8 @@ impl Stamps {
 
     fn compared(&self, t_ns: i64, interval_ns: i64) -> Backward {
         // The interval is not known yet where another camera begins later.
-        let apart_ns = self.apart_ns();
-        let interval_ns =
-            apart_ns.get(apart_ns.len() / 2).map_or(interval_ns, |own_ns| interval_ns.min(*own_ns));
+        let own_ns = usual_interval_ns(self.latest_ns.iter().copied());
+        let interval_ns = own_ns.map_or(interval_ns, |own_ns| interval_ns.min(own_ns));
         let after = self.latest_ns.partition_point(|known_ns| *known_ns < t_ns);
         let later_ns = self.latest_ns.get(after);
         if later_ns == Some(&t_ns) && after + 1 == self.latest_ns.len() {

@@ -3,7 +3,8 @@
 use crate::{ControlPixel, ControlPointRow, PipelineError};
 use mavsight_geometry::{Camera, ControlPoint, ImageSize, Matrix2, Vector2, Vector3};
 use mavsight_pose::{
-    CameraControl, LeftOut, LeftOutReason, MovedObject, Rig, Selection, calibrate_with, select_control_balls,
+    CameraControl, LeftOut, LeftOutReason, MovedObject, Rig, Selection, calibrate_with, median,
+    select_control_balls,
 };
 use mavsight_vision::{BallColor, Detection, Detector, Frame};
 
@@ -184,12 +185,8 @@ fn doubt_odd_sizes(control: &mut CameraControl, diameters_px: &[f64], camera: &C
     let expected_px: Vec<Option<f64>> =
         control.points.iter().zip(&control.ball_radius_m).map(|(p, r)| expected_px(p, *r)).collect();
     let ratio = |(measured, expected): (&f64, &Option<f64>)| expected.map(|e| measured / e);
-    let mut ratios: Vec<f64> = diameters_px.iter().zip(&expected_px).filter_map(ratio).collect();
-    if ratios.is_empty() {
-        return;
-    }
-    let middle = ratios.len() / 2;
-    let usual = *ratios.select_nth_unstable_by(middle, f64::total_cmp).1;
+    let ratios = diameters_px.iter().zip(&expected_px).filter_map(ratio);
+    let Some(usual) = median(ratios.collect()) else { return };
     for (point, (measured, expected)) in control.points.iter_mut().zip(diameters_px.iter().zip(&expected_px))
     {
         let odd_px = expected.map_or(0.0, |expected_px| 0.5 * (measured - usual * expected_px));

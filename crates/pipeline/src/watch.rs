@@ -1,7 +1,7 @@
 //! What happened to the cameras, and how well they see.
 
 use crate::{CameraHealth, Cause, Finding, MarkerHealth, TimedFrame, sharpness};
-use mavsight_pose::{MovedCamera, Rig};
+use mavsight_pose::{MovedCamera, Rig, median};
 use mavsight_vision::{BallHealth, Frame, Tracker};
 
 /// Watches one camera while it is tracked.
@@ -79,8 +79,7 @@ impl CameraWatch {
     pub(crate) fn finish(mut self, tracker: &Tracker) -> Self {
         self.end_span();
         self.health.edge_px = tracker.edge_px();
-        self.sharpness_px.sort_by(f64::total_cmp);
-        self.health.room_edge_px = self.sharpness_px.get(self.sharpness_px.len() / 2).copied();
+        self.health.room_edge_px = median(std::mem::take(&mut self.sharpness_px));
         self.balls = tracker.health().to_vec();
         self
     }

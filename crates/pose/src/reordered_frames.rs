@@ -24,7 +24,8 @@ const LONGEST_S: f64 = 0.5;
 /// out nor says that a pose is worse than its neighbours.
 pub fn displacements_of_reordered_frames(poses: &[PoseSample]) -> Vec<Vector6<f64>> {
     let mut displaced = vec![Vector6::zeros(); poses.len()];
-    let interval_s = median(poses.windows(2).map(|w| (w[1].t_ns - w[0].t_ns) as f64 * 1e-9).collect());
+    let intervals_s = poses.windows(2).map(|w| (w[1].t_ns - w[0].t_ns) as f64 * 1e-9).collect();
+    let Some(interval_s) = median(intervals_s) else { return displaced };
     let measured: Vec<usize> = (0..poses.len()).filter(|k| poses[*k].estimate.is_ok()).collect();
     for (k, pose) in measured.iter().enumerate() {
         if let Some(by) = half_second_difference(poses, &measured, k, interval_s) {

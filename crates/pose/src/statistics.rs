@@ -5,10 +5,14 @@ use statrs::function::beta::checked_beta_reg;
 /// Half width of a 95 % interval of a normal error, in standard deviations.
 pub const NORMAL_95: f64 = 1.959_964;
 
-/// The upper median; not a number where there is none.
-pub(crate) fn median(mut values: Vec<f64>) -> f64 {
+/// Standard deviation of a normal error over the median of its absolute values.
+pub const MAD_TO_STD: f64 = 1.482_602;
+
+/// The value in the middle of all in rising order, the upper one of two; nothing where there are none. What is not a number is
+/// above all numbers, or below them if its sign is negative.
+pub fn median(mut values: Vec<f64>) -> Option<f64> {
     values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+    values.get(values.len() / 2).copied()
 }
 
 /// Degrees of freedom from which on F is chi-square over its degrees of freedom, to a part in ten thousand.

@@ -21,13 +21,9 @@ pub(crate) fn ellipse_95(covariance: &Matrix2<f64>) -> Vec<Vector2<f64>> {
 /// 1, 2 or 5 times a power of ten, by which the middle one of the detections' ellipses is drawn large enough to be seen.
 pub(crate) fn typical_enlargement(results: &RunResults, scale: f64) -> f64 {
     let major = |c: &Matrix2<f64>| (CHI2_95 * c.symmetric_eigenvalues().max()).max(0.0).sqrt();
-    let mut all: Vec<f64> =
-        results.markers.iter().map(|o| major(&o.covariance_px2)).filter(|v| v.is_finite()).collect();
-    let middle = all.len() / 2;
-    if all.is_empty() {
-        return 1.0;
-    }
-    let typical = *all.select_nth_unstable_by(middle, f64::total_cmp).1 * scale;
+    let all = results.markers.iter().map(|o| major(&o.covariance_px2)).filter(|v| v.is_finite());
+    let Some(middle) = mavsight_pose::median(all.collect()) else { return 1.0 };
+    let typical = middle * scale;
     let wanted = (ELLIPSE_PX / typical.max(1e-3)).max(1.0);
     let power = 10f64.powf(wanted.log10().floor());
     [5.0, 2.0].into_iter().find(|step| step * power <= wanted).unwrap_or(1.0) * power

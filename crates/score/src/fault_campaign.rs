@@ -156,9 +156,7 @@ fn summary(fault: Option<Fault>, in_pairs: bool, rows: &[&Vec<&str>]) -> FaultSu
     let said =
         |r: &[&str]| cell(r, if cell(r, "first") == word { "first_said" } else { "second_said" }) == "1";
     let has_to_be = fault.filter(|f| f.expected() != Expected::Nothing);
-    let mut after: Vec<f64> =
-        rows.iter().filter_map(|r| cell(r, "left_out_after_frames").parse().ok()).collect();
-    after.sort_by(f64::total_cmp);
+    let after = rows.iter().filter_map(|r| cell(r, "left_out_after_frames").parse().ok()).collect();
     let given = sum("rows");
     FaultSummary {
         fault,
@@ -174,7 +172,7 @@ fn summary(fault: Option<Fault>, in_pairs: bool, rows: &[&Vec<&str>]) -> FaultSu
         flights_beyond: count(&|r| number(r, "beyond") > 0.0),
         right: has_to_be.map(|_| share(count(&said))),
         wrong: share(count(&|r| cell(r, "wrong") == "1")),
-        left_out_after_frames: after.get(after.len() / 2).copied(),
+        left_out_after_frames: mavsight_pose::median(after),
     }
 }
 

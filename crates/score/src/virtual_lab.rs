@@ -3,7 +3,7 @@
 use crate::ScoreError;
 use mavsight_flight::{Color, Vehicle};
 use mavsight_geometry::{Camera, ImageSize, Intrinsics, Matrix2, Vector3};
-use mavsight_pipeline::{ControlPointRow, Tracked, body_markers};
+use mavsight_pipeline::{ControlPointRow, Tracked, body_markers, usual_interval_ns};
 use mavsight_pose::{PoseError, PoseEstimator, Rig};
 
 /// A camera of a virtual laboratory.
@@ -145,10 +145,8 @@ impl VirtualLab {
         vehicle: Vehicle,
         tracked: &Tracked,
     ) -> Result<Self, ScoreError> {
-        let mut intervals_ns: Vec<i64> = tracked.poses.windows(2).map(|p| p[1].t_ns - p[0].t_ns).collect();
-        intervals_ns.sort_unstable();
         let few = |what, found, needed| ScoreError::TooFew { what, found, needed };
-        let interval_ns = intervals_ns.get(intervals_ns.len() / 2).copied().filter(|n| *n > 0);
+        let interval_ns = usual_interval_ns(tracked.poses.iter().map(|p| p.t_ns)).filter(|n| *n > 0);
         let interval_ns = interval_ns.ok_or_else(|| few("frames", tracked.poses.len(), 2))?;
         let volume = mavsight_pose::control_volume(rig).ok_or_else(|| few("control points", 0, 6))?;
         let estimator = PoseEstimator::new(rig, &body_markers(&vehicle));

@@ -5,7 +5,7 @@ use super::{CheckItem, Look};
 use mavsight_flight::{Color, Vehicle};
 use mavsight_geometry::Vector2;
 use mavsight_pipeline::Cause;
-use mavsight_pose::Rig;
+use mavsight_pose::{Rig, median};
 use mavsight_vision::{LEAST_CHROMA, hue};
 
 /// Share of a camera's frames up to which a marker counts as never seen: met by chance.
@@ -110,12 +110,8 @@ fn colour_there(rig: &Rig, film: &Film, vehicle: &Vehicle, marker: usize) -> Opt
     let count = differences.len() as f64;
     let mean = differences.iter().sum::<Vector2<f64>>() / count;
     let var = differences.iter().map(|d| (d - mean).norm_squared()).sum::<f64>() / (count - 1.0);
-    let median = |k: usize| {
-        let mut all: Vec<f64> = discs.iter().map(|d| d[k]).collect();
-        all.sort_by(f64::total_cmp);
-        all[all.len() / 2]
-    };
+    let usual = |k: usize| median(discs.iter().map(|d| d[k]).collect());
     // A ball is seen before many backgrounds: its own colour is the same.
     let is_sure = mean.norm() > SURE * (var / count).sqrt() && mean.norm() > f64::from(LEAST_CHROMA);
-    Some(([median(0), median(1), median(2)], is_sure, differences.len()))
+    Some(([usual(0)?, usual(1)?, usual(2)?], is_sure, differences.len()))
 }

@@ -8,7 +8,7 @@ use super::film::{Film, ring_light};
 use super::{CameraCheck, CheckItem};
 use mavsight_geometry::{Matrix2, Vector2};
 use mavsight_pipeline::Cause;
-use mavsight_pose::MarkerObservation;
+use mavsight_pose::{MAD_TO_STD, MarkerObservation, median};
 use mavsight_vision::{Frame, hue, linear_light};
 
 /// Standard deviation along its motion from which a smear spreads a small ball's edges over the whole of it, as blur
@@ -95,9 +95,8 @@ fn slope(pairs: &[(f64, f64)], mut speeds: Vec<f64>, step_s: f64) -> Option<Expo
             right += row * (weight * y);
         }
         line = normal.try_inverse()? * right;
-        let mut away: Vec<f64> = pairs.iter().map(|(x, y)| (y - line.x - line.y * x).abs()).collect();
-        away.sort_by(f64::total_cmp);
-        scale = (MAD_TO_STD * away[away.len() / 2]).max(f64::MIN_POSITIVE);
+        let away = pairs.iter().map(|(x, y)| (y - line.x - line.y * x).abs());
+        scale = (MAD_TO_STD * median(away.collect())?).max(f64::MIN_POSITIVE);
     }
     let std_s2 = scale * normal.try_inverse()?[(1, 1)].max(0.0).sqrt();
     let exposure_s = line.y.max(0.0).sqrt();
@@ -114,8 +113,6 @@ fn slope(pairs: &[(f64, f64)], mut speeds: Vec<f64>, step_s: f64) -> Option<Expo
 const ROUNDS: usize = 12;
 /// Standard deviations up to which a residual counts in full: 95 % efficient for normal errors (Huber 1981).
 const HUBER: f64 = 1.345;
-/// From the median of absolute deviations to a standard deviation, of normal errors.
-const MAD_TO_STD: f64 = 1.482_602;
 
 /// Second moment of a ball's colour along its motion less that across; none at an image's rim or without colour.
 fn stretch_px2(

@@ -3,7 +3,7 @@
 use super::{Alternative, Evidence};
 use crate::{Cause, PipelineError};
 use mavsight_geometry::{ImagePoint, Vector3, triangulate};
-use mavsight_pose::{BodyMarker, MarkerObservation, PoseEstimator};
+use mavsight_pose::{BodyMarker, MarkerObservation, PoseEstimator, median};
 
 /// Units in which positions are written by mistake, and the factor that a file in metres lacks then.
 const UNITS: [(&str, f64); 4] =
@@ -16,9 +16,8 @@ impl Evidence<'_> {
     /// What remains with the markers' places scaled by what the cameras see of their distances; `None` where
     /// no two markers are seen by two cameras.
     pub(super) fn another_scale(&self) -> Result<Option<Alternative>, PipelineError> {
-        let mut ratios: Vec<f64> = self.instants.iter().flat_map(|seen| self.ratios(seen)).collect();
-        ratios.sort_by(f64::total_cmp);
-        let Some(&scale) = ratios.get(ratios.len() / 2) else { return Ok(None) };
+        let ratios = self.instants.iter().flat_map(|seen| self.ratios(seen));
+        let Some(scale) = median(ratios.collect()) else { return Ok(None) };
         let scaled =
             |m: &BodyMarker| BodyMarker { marker_in_body_m: m.marker_in_body_m * scale, ..m.clone() };
         let markers: Vec<BodyMarker> = self.estimator.markers().iter().map(scaled).collect();

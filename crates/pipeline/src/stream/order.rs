@@ -7,6 +7,7 @@
 use super::{StoredDetection, Stream};
 use crate::clock_step::{DECISIVE, OUT_OF_BEAT};
 use mavsight_geometry::Vector2;
+use mavsight_pose::median;
 use std::collections::BTreeMap;
 
 /// Weights of the fifth difference, whose squares add up to 252.
@@ -82,9 +83,7 @@ impl Stream {
             let (sum, count) = rest(self.window(frames, at)?);
             (count > 0).then(|| sum / count as f64)
         };
-        let mut all: Vec<f64> = (0..frames.len()).filter_map(ratio).collect();
-        all.sort_by(f64::total_cmp);
-        all.get(all.len() / 2).map_or(1.0, |middle| middle.max(1.0))
+        median((0..frames.len()).filter_map(ratio).collect()).map_or(1.0, |usual| usual.max(1.0))
     }
 
     /// The frames about one and the next, where none of them is missing.

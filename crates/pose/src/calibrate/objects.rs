@@ -183,7 +183,7 @@ fn squares(object: &Moved, fit: &Fit, k: usize) -> Vec<Vec<f64>> {
 
 /// Robust variance of residuals by their squares: the median of a chi-square with two degrees of freedom is 2 ln 2.
 fn variance(squares: Vec<f64>) -> f64 {
-    median(squares) / (2.0 * 2f64.ln())
+    median(squares).unwrap_or(f64::NAN) / (2.0 * 2f64.ln())
 }
 
 /// Drops observations that are far off and places without redundancy; the number of dropped observations.

@@ -81,7 +81,7 @@ fn fundamental(matches: &[Match]) -> Option<Matrix3<f64>> {
     let mut answer = linear(&kept)?;
     for _ in 0..ROUNDS {
         // The median of a chi-square with one degree of freedom is 0.455.
-        let variance = median(kept.iter().map(|m| sampson(&answer, m)).collect()) / 0.455;
+        let variance = median(kept.iter().map(|m| sampson(&answer, m)).collect())? / 0.455;
         let within: Vec<Match> =
             matches.iter().filter(|m| sampson(&answer, m) <= BEYOND * BEYOND * variance).copied().collect();
         if within.len() < MIN_MATCHES {

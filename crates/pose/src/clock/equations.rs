@@ -317,7 +317,7 @@ impl<'a> Problem<'a> {
 impl Sums {
     /// Factor on the claimed variances: the median over instants, which a few wrong ones do not raise.
     pub(super) fn scale(&self) -> f64 {
-        if self.factors.is_empty() { 1.0 } else { median(self.factors.clone()).max(1e-6) }
+        median(self.factors.clone()).map_or(1.0, |usual| usual.max(1e-6))
     }
 }
 

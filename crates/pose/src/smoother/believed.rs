@@ -93,7 +93,7 @@ impl Wrong {
         let parts = checked_parts(kept, anew, found);
         let count = parts.iter().map(Vec::len).sum::<usize>().max(1);
         let steps_s = parts.iter().flat_map(|part| part.windows(2)).map(|w| step_s(kept, w)).collect();
-        let long_s = LONGER * median(steps_s);
+        let long_s = median(steps_s).map_or(f64::INFINITY, |usual_s| LONGER * usual_s);
         let behind_gaps = || {
             let groups = parts.iter().flat_map(|part| part.windows(1 + BEHIND));
             groups.filter(|w| step_s(kept, &w[..2]) > long_s)

@@ -31,7 +31,7 @@ pub(crate) fn hidden_gaps(
         .flat_map(|t| t.windows(2).map(|w| (w[0], w[1])).collect::<Vec<_>>())
         .collect();
     let length_ns = |(from_ns, to_ns): &(i64, i64)| (to_ns - from_ns) as f64;
-    let usual_ns = median(steps.iter().map(length_ns).collect());
+    let Some(usual_ns) = median(steps.iter().map(length_ns).collect()) else { return Vec::new() };
     let is_gap = |step: &(i64, i64)| length_ns(step) > LONGER * usual_ns;
     let shown_ns: f64 = steps.iter().filter(|step| !is_gap(step)).map(length_ns).sum();
     // As long as n + 1 times the chance is one.

@@ -134,9 +134,9 @@ fn most_likely<P: Place>(series: &Series<'_, P>, vouched: bool) -> Option<MostLi
     let count = times.len() as f64;
     let search = Search {
         series,
-        interval_s: median(times.windows(2).map(|w| w[1] - w[0]).collect()),
+        interval_s: median(times.windows(2).map(|w| w[1] - w[0]).collect()).unwrap_or(f64::NAN),
         duration_s: times.last()? - times.first()?,
-        variance: median(series.measured.iter().flatten().map(|m| m.covariance.trace() / 3.0).collect()),
+        variance: median(series.measured.iter().flatten().map(|m| m.covariance.trace() / 3.0).collect())?,
         covariance: series.measured.iter().flatten().map(|m| m.covariance / count).sum(),
     };
     let white = |log_hz: f64| [log_hz, f64::NEG_INFINITY, 0.0];

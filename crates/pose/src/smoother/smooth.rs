@@ -101,14 +101,14 @@ fn motion_of(believed: Believed<'_>, effects: EffectsOf<'_>, gravity_m_s2: f64) 
     samples.retain(|sample| !is_hidden(sample.t_ns));
     samples.reverse();
     let (translation_bandwidth_hz, rotation_bandwidth_hz) = found.bandwidth_hz;
-    let sample_interval_s = median(poses.windows(2).map(|w| (w[1].t_ns - w[0].t_ns) as f64 * 1e-9).collect());
+    let intervals_s = poses.windows(2).map(|w| (w[1].t_ns - w[0].t_ns) as f64 * 1e-9).collect();
     Ok(Motion {
         samples,
         unknown_ns,
         doubts,
         translation_bandwidth_hz,
         rotation_bandwidth_hz,
-        sample_interval_s,
+        sample_interval_s: median(intervals_s).unwrap_or(f64::NAN),
     })
 }
 

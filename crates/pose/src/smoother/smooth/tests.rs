@@ -239,7 +239,8 @@ fn a_few_poses_that_are_hardly_known_do_not_make_the_rest_of_the_motion_uncertai
     }
     let median_std = |poses: &[PoseSample], at: usize| {
         let motion = smooth(poses, GRAVITY).unwrap();
-        crate::statistics::median(motion.samples.iter().map(|s| s.covariance.variance(at).sqrt()).collect())
+        let stds = motion.samples.iter().map(|s| s.covariance.variance(at).sqrt());
+        crate::statistics::median(stds.collect()).unwrap()
     };
     for at in [0, 3] {
         let (with, without) = (median_std(&poses, at), median_std(&without, at));
