@@ -2,15 +2,16 @@
 
 use mavsight_flight::Vehicle;
 use mavsight_geometry::Vector2;
-use mavsight_pipeline::{CameraTiming, Finding, FlightAssociator, Lookahead, PipelineError, Synchronizer};
+use mavsight_pipeline::{
+    CameraTiming, Finding, FlightAssociator, Lookahead, PRESUMED_INTERVAL_S, PipelineError, Synchronizer,
+    usual_interval_ns,
+};
 use mavsight_pose::{Association, CameraClock, MovedCamera, Rig, TrackedDetection};
 
 /// Frames of each camera from which its rate is estimated before anything is joined.
 const WARM: usize = 6;
 /// Frames of one camera that are kept while others have not begun; beyond them the join begins without these.
 const MOST_KEPT: usize = 120;
-/// Interval of a camera whose rate is unknown: thirty frames a second.
-const USUAL_S: f64 = 1.0 / 30.0;
 
 /// One instant with its association and pose.
 #[derive(Debug)]
@@ -60,7 +61,7 @@ impl LivePipeline {
     ) -> Result<Self, PipelineError> {
         let timing = |(k, c): (usize, &mavsight_pose::RigCamera)| {
             let (clock, readout) = clocks.get(k).copied().unwrap_or((CameraClock::default(), Vector2::y()));
-            CameraTiming { size: c.camera.size, clock, readout, interval_s: USUAL_S }
+            CameraTiming { size: c.camera.size, clock, readout, interval_s: PRESUMED_INTERVAL_S }
         };
         let mut associator = FlightAssociator::new(rig, vehicle)?;
         associator.let_cameras_return();
@@ -93,20 +94,14 @@ impl LivePipeline {
         (0..self.cameras.len()).all(|c| self.gone[c] || self.stamps_ns(c).count() >= WARM)
     }
 
-    fn median_interval_s(&self, camera: usize) -> Option<f64> {
-        let mut steps: Vec<i64> =
-            self.stamps_ns(camera).skip(1).zip(self.stamps_ns(camera)).map(|(b, a)| b - a).collect();
-        steps.sort_unstable();
-        steps.get(steps.len() / 2).map(|ns| *ns as f64 * 1e-9)
-    }
-
     /// Begins the join with the rates that the frames so far show.
     pub fn begin(&mut self) {
         if self.synchronizer.is_some() {
             return;
         }
-        let intervals: Vec<_> = (0..self.cameras.len()).map(|c| self.median_interval_s(c)).collect();
-        let fastest_s = intervals.iter().flatten().copied().reduce(f64::min).unwrap_or(USUAL_S);
+        let interval_s = |c: usize| usual_interval_ns(self.stamps_ns(c)).map(|ns| ns as f64 * 1e-9);
+        let intervals: Vec<_> = (0..self.cameras.len()).map(interval_s).collect();
+        let fastest_s = intervals.iter().flatten().copied().reduce(f64::min).unwrap_or(PRESUMED_INTERVAL_S);
         for (camera, interval_s) in self.cameras.iter_mut().zip(intervals) {
             camera.interval_s = interval_s.unwrap_or(fastest_s);
         }

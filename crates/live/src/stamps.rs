@@ -1,12 +1,11 @@
 //! What is wrong with a camera's time stamps.
 
 use mavsight_pipeline::usual_interval_ns;
+use mavsight_pose::GAP_INTERVALS;
 use std::collections::VecDeque;
 
 /// Latest time stamps that are kept: a second of video.
 const KEPT: usize = 32;
-/// Interval between stamps from which a frame is missing there.
-const HOLE_INTERVALS: f64 = 1.5;
 /// A stamp is off if it differs by more than this from what it should be: by less it could be that of any other
 /// frame of an uneven camera.
 const OFF_INTERVALS: f64 = 0.5;
@@ -76,7 +75,7 @@ impl Stamps {
         apart_ns.sort_unstable();
         let quantile_ns = |quarters: usize| apart_ns[quarters * (apart_ns.len() - 1) / 4] as f64;
         let beat_ns = quantile_ns(2);
-        if gap_ns <= HOLE_INTERVALS * beat_ns {
+        if gap_ns <= GAP_INTERVALS * beat_ns {
             return 0;
         }
         let turns = (gap_ns / beat_ns).round();
@@ -110,7 +109,7 @@ impl Stamps {
         };
         let apart_ns = OFF_INTERVALS * interval_ns as f64;
         let is_apart = |from_ns: i64, to_ns: i64| (to_ns - from_ns) as f64 > apart_ns;
-        let has_hole = (later_ns - earlier_ns) as f64 > HOLE_INTERVALS * interval_ns as f64;
+        let has_hole = (later_ns - earlier_ns) as f64 > GAP_INTERVALS * interval_ns as f64;
         if has_hole && is_apart(*earlier_ns, t_ns) && is_apart(t_ns, *later_ns) {
             Backward::Overtaken
         } else {

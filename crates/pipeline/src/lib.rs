@@ -53,6 +53,7 @@ pub use sharpness::edge_px as picture_edge_px;
 pub use solve::{
     IdentifyOptions, Solution, identify_motion, motion_from_poses, motion_of, systematic_columns,
 };
+pub use stream::PRESUMED_INTERVAL_S;
 pub use synchronize::{CameraTiming, Lookahead, Synchronizer};
 pub use track::{track, track_with};
 pub use tracked::Tracked;

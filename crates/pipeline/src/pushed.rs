@@ -21,6 +21,10 @@ const LONGEST: usize = WINDOWS[2];
 /// Frames of one side in which a ball has to be seen: one more than a parabola has coefficients.
 const LEAST_FRAMES: usize = 4;
 
+/// Steps of two cameras are of one time where they are within this many intervals: what happens between frames shows in the next
+/// one of each, which are up to one interval apart; half of one is for uneven stamps.
+const TOGETHER_INTERVALS: f64 = 1.5;
+
 /// Balls that have to step together.
 const LEAST_BALLS: usize = 3;
 
@@ -56,8 +60,8 @@ pub(crate) fn leave_out(streams: &mut [Stream], colors: &MarkerColors) -> Vec<Fi
     for camera in 0..streams.len() {
         let is_apart = |other: usize, step: &Step, own: &Step| {
             let is_known = [camera, other].iter().all(|k| streams[*k].clock.offset_std_s == 0.0);
-            let near_ns =
-                (streams[camera].interval_s() * 1.5e9) as i64 + if is_known { 0 } else { LONGEST_APART_NS };
+            let apart_ns = (TOGETHER_INTERVALS * 1e9 * streams[camera].interval_s()) as i64;
+            let near_ns = apart_ns + if is_known { 0 } else { LONGEST_APART_NS };
             (step.t_ns - own.t_ns).abs() > near_ns
         };
         // What steps in two cameras was done to the aircraft, or to both.

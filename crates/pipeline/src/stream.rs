@@ -5,7 +5,7 @@ use crate::feed::{Clap, usual_interval_ns};
 use crate::markers::MarkerColors;
 use mavsight_geometry::{Matrix2, Vector2};
 use mavsight_pose::{
-    CameraStream, ClockPrior, MarkerObservation, TrackedDetection, informative_stretches_ns,
+    CameraStream, ClockPrior, GAP_INTERVALS, MarkerObservation, TrackedDetection, informative_stretches_ns,
 };
 
 mod checked;
@@ -14,8 +14,8 @@ mod order;
 
 pub(crate) use frozen::leave_out_still;
 
-/// Frames further apart than this many intervals have others missing between them.
-const GAP_INTERVALS: f64 = 1.5;
+/// Interval of a camera whose rate is unknown: thirty frames a second.
+pub const PRESUMED_INTERVAL_S: f64 = 1.0 / 30.0;
 
 /// Faults that are noted one by one; of more, the number.
 const MOST_NOTED: usize = 3;
@@ -290,10 +290,10 @@ impl Stream {
         (t_ns(self.stamps_ns.first()), t_ns(self.stamps_ns.last()))
     }
 
-    /// Median time between frames; that of 30 frames a second where there is one frame alone.
+    /// Median time between frames; [`PRESUMED_INTERVAL_S`] where there is one frame alone.
     pub(crate) fn interval_s(&self) -> f64 {
         let usual_ns = usual_interval_ns(self.stamps_ns.iter().copied());
-        usual_ns.map_or(1.0 / 30.0, |step| step as f64 * 1e-9)
+        usual_ns.map_or(PRESUMED_INTERVAL_S, |step| step as f64 * 1e-9)
     }
 
     /// What the estimation of clocks needs, before the detections are associated: of each colour that one

@@ -13,7 +13,7 @@ use crate::{
     synchronize,
 };
 use mavsight_flight::Vehicle;
-use mavsight_pose::{CameraClock, ClockVerdict, Rig, estimate_clocks};
+use mavsight_pose::{CameraClock, ClockVerdict, GAP_INTERVALS, Rig, estimate_clocks};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
@@ -198,7 +198,7 @@ fn span_notes(streams: &[Stream], clocks: &[CameraClock]) -> Result<Vec<String>,
             let (camera, from_s, to_s) = (stream.name.clone(), *from_s, *to_s);
             return Err(PipelineError::NoCommonTime { camera, from_s, to_s });
         }
-        let (name, slack_s) = (&stream.name, 1.5 * stream.interval_s());
+        let (name, slack_s) = (&stream.name, GAP_INTERVALS * stream.interval_s());
         let (early_s, late_s) = (end_s - to_s, from_s - begin_s);
         if early_s > slack_s {
             notes.push(format!(

@@ -9,7 +9,7 @@ mod tests;
 mod types;
 
 pub use compare::{StampOdds, odds_of_stamps};
-pub use path::{PathPoint, PathVelocity, PixelPath};
+pub use path::{GAP_INTERVALS, PathPoint, PathVelocity, PixelPath};
 pub use types::{
     CameraClock, CameraStream, ClockEstimate, ClockPrior, ClockVerdict, QUARTZ_DRIFT_STD, image_middle,
 };

@@ -32,8 +32,9 @@ pub use calibrate::{
     predict_calibration,
 };
 pub use clock::{
-    CameraClock, CameraStream, ClockEstimate, ClockPrior, ClockVerdict, PathPoint, PathVelocity, PixelPath,
-    QUARTZ_DRIFT_STD, StampOdds, estimate_clocks, image_middle, informative_stretches_ns, odds_of_stamps,
+    CameraClock, CameraStream, ClockEstimate, ClockPrior, ClockVerdict, GAP_INTERVALS, PathPoint,
+    PathVelocity, PixelPath, QUARTZ_DRIFT_STD, StampOdds, estimate_clocks, image_middle,
+    informative_stretches_ns, odds_of_stamps,
 };
 pub use detection::{MarkerObservation, TrackedDetection};
 pub use distances::{

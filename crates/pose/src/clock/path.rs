@@ -14,8 +14,8 @@ const SIDE: usize = 3;
 /// Observations from which a cubic is determined with little more noise than a parabola.
 const CUBIC_OBSERVATIONS: usize = 6;
 
-/// Frames further apart than this many intervals have a gap between them.
-const GAP_INTERVALS: f64 = 1.5;
+/// Frames of a camera that are further apart than this many of its intervals have others missing between them.
+pub const GAP_INTERVALS: f64 = 1.5;
 
 /// Beyond the first or last frame of a run the path is followed this part of an interval and no further.
 const BEYOND_INTERVALS: f64 = 0.5;
