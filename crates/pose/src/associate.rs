@@ -20,3 +20,6 @@ mod watch;
 pub use associator::{Association, Associator};
 pub use history::MovedCamera;
 pub use stillness::{BallPlaces, Displacement, LONGEST_APART_NS, STILL_IMAGES, is_far};
+
+/// Standard deviations beyond which a normal error is on either side once in a thousand times.
+const NORMAL_GATE: f64 = 3.29;

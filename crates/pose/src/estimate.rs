@@ -14,6 +14,6 @@ mod systematic;
 mod tests;
 
 pub use estimator::PoseEstimator;
-pub(crate) use gates::{chi_square_beyond, chi_square_gate as chi_square_quantile};
+pub(crate) use gates::{CLAIM_DEGREES, chi_square_beyond, chi_square_gate as chi_square_quantile};
 pub use instant::ReprojectionFit;
 pub use sample::{BodyMarker, MarkerSet, PoseEstimate, PoseSample, PredictedObservation};

@@ -1,5 +1,6 @@
 //! The body among balls that nothing predicts.
 
+use super::NORMAL_GATE;
 use super::associator::{Association, Associator, DECISIVE_LOG_ODDS, refused};
 use super::frame::{Frame, Pairs};
 use super::history::Belief;
@@ -10,8 +11,6 @@ use mavsight_geometry::{ImagePoint, Isometry3, Matrix2, Matrix6, Triangulation, 
 const MOST_SPOTS: usize = 96;
 const MOST_TRIED: usize = 200;
 const MOST_CHOICES: usize = 16;
-/// Normal quantile of the gates on lengths, 99.9 % on both sides.
-const GATE: f64 = 3.29;
 /// Two poses whose markers are nearer than this share of the body's size are one.
 const SAME_POSE: f64 = 0.1;
 
@@ -158,7 +157,7 @@ impl Associator {
         let variance = along.dot(&(spread * along)) + 2.0 * self.markers_std_m.powi(2);
         // The centre of a ball in part hidden is off by a share of its radius.
         let hidden_m = 0.5 * markers[first].radius_m.max(markers[second].radius_m);
-        (length_m - wanted_m).abs() <= GATE * variance.sqrt() + hidden_m
+        (length_m - wanted_m).abs() <= NORMAL_GATE * variance.sqrt() + hidden_m
     }
 
     fn spots(&self, frame: Frame) -> Vec<Spot> {
@@ -197,12 +196,8 @@ impl Associator {
             reach_px = reach_px.max(0.5 * radius_px);
         }
         let claim_px = |c: &TrackedDetection| c.covariance_px2.trace().sqrt();
-        (met.residual_px <= GATE * claim_px(seen[0]).hypot(claim_px(seen[1])) + reach_px).then(|| Spot {
-            color: seen[0].color,
-            pair,
-            is_static: seen.iter().any(|c| c.is_static),
-            met,
-        })
+        (met.residual_px <= NORMAL_GATE * claim_px(seen[0]).hypot(claim_px(seen[1])) + reach_px)
+            .then(|| Spot { color: seen[0].color, pair, is_static: seen.iter().any(|c| c.is_static), met })
     }
 
     /// The pose of a triangle, with all else that it finds in its place.

@@ -1,6 +1,7 @@
 //! What is known from the instants before: the pose, the noise, and whether the cameras stand still.
 
 use super::stillness::Repeated;
+use crate::estimate::CLAIM_DEGREES;
 use crate::reprojection::moved;
 use crate::{PoseEstimate, TrackedDetection};
 use mavsight_geometry::{Isometry3, Matrix6, Vector2};
@@ -104,8 +105,6 @@ impl History {
     }
 }
 
-/// Degrees of freedom of the noise known before against an instant's: four markers in two cameras.
-const CLAIM_DEGREES: f64 = 10.0;
 /// Share of what is known of the noise that is kept from frame to frame: some seconds of video.
 const NOISE_MEMORY: f64 = 0.99;
 /// Redundancy from which one instant shows how large its noise is: three markers in two cameras.

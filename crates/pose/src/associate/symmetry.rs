@@ -1,10 +1,8 @@
 //! Bodies that look the same after a turn.
 
+use super::NORMAL_GATE;
 use crate::{BodyMarker, PoseError};
 use mavsight_geometry::rigid_fit;
-
-/// Normal quantile of the gate on lengths, 99.9 % on both sides.
-const GATE: f64 = 3.29;
 
 /// Refuses a body whose markers of one colour can change places by a rigid motion within what their places
 /// are known to.
@@ -14,7 +12,7 @@ pub(super) fn refuse_symmetric(
     std_m: f64,
 ) -> Result<(), PoseError> {
     // The difference of two lengths between four places.
-    let needed_m = GATE * 2.0 * std_m;
+    let needed_m = NORMAL_GATE * 2.0 * std_m;
     let mut places = Vec::with_capacity(markers.len());
     let Some(found) = changed_places(markers, colors, needed_m, &mut places) else { return Ok(()) };
     let moved: Vec<&str> =

@@ -10,7 +10,7 @@ const GATE_PROBABILITY: f64 = 0.001;
 pub(super) const DECISIVE_CHI_SQUARE: f64 = 13.814;
 
 /// Degrees of freedom of the claimed covariances against an instant's: four markers in two cameras.
-pub(super) const CLAIM_DEGREES: f64 = 10.0;
+pub(crate) const CLAIM_DEGREES: f64 = 10.0;
 
 /// The 99.9 % quantile of chi-square.
 pub(crate) fn chi_square_gate(degrees: usize) -> f64 {
