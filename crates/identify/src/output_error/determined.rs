@@ -6,7 +6,6 @@ use super::model::{FlightModel, ModelParameter};
 use crate::IdentifyError;
 use crate::inverse::inverse;
 use mavsight_geometry::svd::jacobi_svd;
-use mavsight_model::BODY_PARAMETERS;
 use nalgebra::DVector;
 
 /// A change by ten times a parameter's size must be seen by one standard deviation.
@@ -59,11 +58,7 @@ pub(crate) fn typical_sizes(fitter: &Fitter<'_>) -> Vec<f64> {
     let initial = model.initial(before.values(), &trim);
     y.extend(initial.iter().zip(&model.states).map(|(value, state)| value + state.size));
     evaluation.linearise(&y, &mut vec![0.0; y.len()]);
-    let [mass_kg, i_xx, i_yy, i_zz, .., gravity_m_s2, _] = before.values()[..BODY_PARAMETERS.len()] else {
-        return Vec::new();
-    };
-    let linear = 0.01 * gravity_m_s2;
-    let turning = [i_xx, i_yy, i_zz].map(|inertia| linear / (3.0 * (inertia / mass_kg).sqrt()));
+    let Some((linear, turning)) = before.accelerations(0.01) else { return Vec::new() };
     let mut floors = vec![0.0; before.free().len()];
     for slope in evaluation.by_parameter() {
         let limit = match slope.row {

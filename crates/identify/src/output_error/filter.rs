@@ -13,7 +13,6 @@ use super::squares::Squares;
 use crate::IdentifyError;
 use crate::inverse::inverse;
 use mavsight_flight::InputSeries;
-use mavsight_model::BODY_PARAMETERS;
 use nalgebra::{DVector, DVectorView};
 
 /// Names of the process noise that is estimated.
@@ -92,13 +91,8 @@ pub fn filter_error(
 /// Densities to start from.
 fn first_noise(model: &FlightModel, tangent: usize) -> DVector<f64> {
     let mut out = DVector::zeros(tangent);
-    let [mass_kg, i_xx, i_yy, i_zz, .., gravity_m_s2, _] = model.values()[..BODY_PARAMETERS.len()] else {
-        return out;
-    };
-    let linear_m_s2 = FIRST_SHARE * gravity_m_s2;
-    for (k, inertia) in [i_xx, i_yy, i_zz].into_iter().enumerate() {
-        // The turn that the same force makes at three radii of gyration.
-        let turning_rad_s2 = linear_m_s2 / (3.0 * (inertia / mass_kg).sqrt());
+    let Some((linear_m_s2, turning_rad_s2)) = model.accelerations(FIRST_SHARE) else { return out };
+    for (k, turning_rad_s2) in turning_rad_s2.into_iter().enumerate() {
         out[VELOCITY + k] = linear_m_s2.powi(2) * FIRST_S;
         out[VELOCITY + 3 + k] = turning_rad_s2.powi(2) * FIRST_S;
     }

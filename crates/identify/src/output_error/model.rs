@@ -2,7 +2,7 @@
 
 use crate::{IdentifyError, independent_columns};
 use mavsight_flight::{InputSeries, Vehicle};
-use mavsight_model::{Dynamics, Freedom, Model, Unit};
+use mavsight_model::{BODY_PARAMETERS, Dynamics, Freedom, Model, Unit};
 use nalgebra::DMatrix;
 use std::sync::Arc;
 
@@ -124,6 +124,17 @@ impl FlightModel {
             ModelParameter::Parameter(k) => &self.model.parameters[k].label,
             ModelParameter::InputLag => LAG,
         }
+    }
+
+    /// A share of gravity, m/s², and about each axis of the body the angular acceleration that its force makes at three
+    /// radii of gyration, rad/s².
+    pub(crate) fn accelerations(&self, share: f64) -> Option<(f64, [f64; 3])> {
+        let [mass_kg, i_xx, i_yy, i_zz, .., gravity_m_s2, _] = self.values[..BODY_PARAMETERS.len()] else {
+            return None;
+        };
+        let linear_m_s2 = share * gravity_m_s2;
+        let turning = |inertia_kg_m2: f64| linear_m_s2 / (3.0 * (inertia_kg_m2 / mass_kg).sqrt());
+        Some((linear_m_s2, [i_xx, i_yy, i_zz].map(turning)))
     }
 
     /// The unit of a parameter; empty where it has none, or none is declared.
