@@ -63,5 +63,9 @@ pub use result::{DerivedQuantity, Extent, FittedParameter, OutputErrorFit, Predi
 pub use sensor::SensedMeasurements;
 pub use structure::{AddedTerm, AskedFor, NotAdded, ScoreTest, StructureSearch, TriedTerm, search_structure};
 
+fn seconds(t_ns: i64) -> f64 {
+    t_ns as f64 * 1e-9
+}
+
 #[cfg(test)]
 mod tests;

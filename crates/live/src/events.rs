@@ -7,7 +7,7 @@ use mavsight_link::{
     CameraView, DetectedBall, Event, Fix, MarkerView, Measured, Moving, PoseEvent, Scene, Tracking,
     upper_triangle,
 };
-use mavsight_pose::{MotionSample, PoseError, PoseEstimate, Rig};
+use mavsight_pose::{MotionSample, PoseError, PoseEstimate, Rig, control_volume};
 
 /// The markers of a vehicle, for listeners.
 pub fn marker_views(vehicle: &Vehicle) -> Vec<MarkerView> {
@@ -22,10 +22,7 @@ pub fn marker_views(vehicle: &Vehicle) -> Vec<MarkerView> {
 
 /// The static scene: the first event.
 pub(crate) fn scene(name: &str, rig: &Rig, vehicle: &Vehicle) -> Scene {
-    let points = rig.control_points_in_world();
-    let low = points.iter().fold(Vector3::repeat(f64::INFINITY), |a, p| a.inf(p));
-    let high = points.iter().fold(Vector3::repeat(f64::NEG_INFINITY), |a, p| a.sup(p));
-    let volume_m = if points.is_empty() { [[0.0; 3]; 2] } else { [low.into(), high.into()] };
+    let volume_m = control_volume(rig).map_or([[0.0; 3]; 2], |v| [v.low_m.into(), v.high_m.into()]);
     Scene {
         name: name.to_owned(),
         cameras: rig.cameras.iter().map(|c| view(&c.name, &c.camera)).collect(),

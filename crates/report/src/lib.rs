@@ -48,6 +48,7 @@ pub use plan_report::{CameraPlan, angle_deg, least, write_plan_report};
 pub use sections::clocks_in;
 pub use sheet::Sheet;
 pub use summary::{Row, Summary};
+pub use symbols::escaped;
 pub use target_sheets::{
     NamedColor, color_sheet, control_frame_sheet, distance_form, wand_length_mm, wand_sheet,
 };

@@ -57,7 +57,8 @@ pub(crate) fn name(name: &str, unit: &str) -> String {
     if token(name).len() == name.len() { symbol(name).unwrap_or_else(words) } else { html(name) }
 }
 
-pub(crate) fn escaped(text: &str) -> String {
+/// A text as HTML, also between quotes.
+pub fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 

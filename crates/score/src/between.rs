@@ -12,16 +12,11 @@ const LONGEST_STEP_S: f64 = 0.2;
 /// attitude that of third degree in the turn from the earlier row with both rows' attitudes and rates. `None`
 /// outside the rows, and between rows more than a fifth of a second apart.
 pub fn true_pose(truth: &[FlightState], t_s: f64) -> Option<Isometry3<f64>> {
-    let after = truth.partition_point(|row| row.t_s < t_s);
-    let next = truth.get(after)?;
+    let [row, next] = rows_about(truth, t_s)?;
     if next.t_s == t_s {
         return Some(next.pose());
     }
-    let row = truth.get(after.checked_sub(1)?)?;
     let step_s = next.t_s - row.t_s;
-    if !(step_s > 0.0 && step_s <= LONGEST_STEP_S) {
-        return None;
-    }
     let (a, b) = (row.pose(), next.pose());
     let x = (t_s - row.t_s) / step_s;
     let (x2, x3, x4, x5) = (x * x, x.powi(3), x.powi(4), x.powi(5));
@@ -47,13 +42,11 @@ pub fn true_pose(truth: &[FlightState], t_s: f64) -> Option<Isometry3<f64>> {
 /// [`true_pose`], velocity and rates are polynomials of third degree with both rows' values and derivatives.
 /// `None` as there.
 pub fn true_state(truth: &[FlightState], t_s: f64) -> Option<FlightState> {
-    let pose = true_pose(truth, t_s)?;
-    let after = truth.partition_point(|row| row.t_s < t_s);
-    let next = truth.get(after)?;
+    let [row, next] = rows_about(truth, t_s)?;
     if next.t_s == t_s {
         return Some(next.clone());
     }
-    let row = truth.get(after.checked_sub(1)?)?;
+    let pose = true_pose(truth, t_s)?;
     let step_s = next.t_s - row.t_s;
     let x = (t_s - row.t_s) / step_s;
     let cubic = |[a, b]: [Vector3<f64>; 2], [da, db]: [Vector3<f64>; 2]| {
@@ -76,6 +69,18 @@ pub fn true_state(truth: &[FlightState], t_s: f64) -> Option<FlightState> {
         velocity_rate_m_s2: dv[0] * (1.0 - x) + dv[1] * x,
         angular_acceleration_rad_s2: dw[0] * (1.0 - x) + dw[1] * x,
     })
+}
+
+/// The rows before and after a time, if they are one motion; at the time of a row, that row twice.
+fn rows_about(truth: &[FlightState], t_s: f64) -> Option<[&FlightState; 2]> {
+    let after = truth.partition_point(|row| row.t_s < t_s);
+    let next = truth.get(after)?;
+    if next.t_s == t_s {
+        return Some([next, next]);
+    }
+    let row = truth.get(after.checked_sub(1)?)?;
+    let step_s = next.t_s - row.t_s;
+    (step_s > 0.0 && step_s <= LONGEST_STEP_S).then_some([row, next])
 }
 
 /// Motion in world axes.

@@ -8,7 +8,7 @@ use super::prediction::predict_poses;
 use super::structure::terms_asked_for;
 use super::{
     ImageMeasurements, InitialStates, OutputErrorFit, OutputErrorOptions, filter_error, output_error,
-    predict_ahead, search_structure,
+    predict_ahead, search_structure, seconds,
 };
 use crate::IdentifyError;
 use mavsight_flight::{InputSeries, SensorSeries, Vehicle};
@@ -290,10 +290,6 @@ impl HeldOut<'_> {
         fit.ahead = ahead.map_err(|why| refusals.push(why)).ok().flatten();
         refusals
     }
-}
-
-fn seconds(t_ns: i64) -> f64 {
-    t_ns as f64 * 1e-9
 }
 
 /// What lies in a stretch of something that is in order of time.

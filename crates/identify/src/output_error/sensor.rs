@@ -4,6 +4,7 @@ use super::measure::Measurements;
 use super::model::Equations;
 use super::propagate::{SEEN, by_turn};
 use super::row::Row;
+use super::seconds;
 use crate::IdentifyError;
 use mavsight_flight::{InputSeries, SensorSeries};
 use mavsight_geometry::Isometry3;
@@ -37,10 +38,6 @@ pub(crate) struct Sample<'a> {
     of: &'a SensedMeasurements,
     instant: usize,
     values: &'a [f64],
-}
-
-fn seconds(t_ns: i64) -> f64 {
-    t_ns as f64 * 1e-9
 }
 
 impl SensedMeasurements {

@@ -4,7 +4,7 @@ use anyhow::Result;
 use mavsight_engine::{CameraCheck, CheckItem, Harm, SessionCheck, Shot};
 use mavsight_flight::Color;
 use mavsight_geometry::{ImageSize, Vector2};
-use mavsight_report::{Figure, Report, ReportSection, Table, picture_address, render};
+use mavsight_report::{Figure, Report, ReportSection, Table, escaped, picture_address, render};
 use mavsight_session::write_whole;
 use mavsight_vision::{Frame, hue};
 use std::f64::consts::TAU;
@@ -124,10 +124,6 @@ fn pictures(camera: &CameraCheck, found: &SessionCheck) -> Result<Vec<Figure>> {
         figures.push(Figure::new(caption, hues(&camera.shots, found)));
     }
     Ok(figures)
-}
-
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 /// A mark over a picture: white on black, so that it shows on anything.
