@@ -35,19 +35,7 @@ name = "doublet"
 scenario = "doublet.toml"
 "#;
 
-const DOUBLET: &str = r#"
-duration_s = 3.0
-frame_rate_hz = 20.0
-input_rate_hz = 100.0
-position_m = [0.0, 0.0, 1.5]
-heading_deg = 22.5
-[[maneuver]]
-kind = "doublet"
-channel = "delta_lon"
-start_s = 0.5
-pulse_s = 0.5
-amplitude = -4.0
-"#;
+const DOUBLET: &str = include_str!("../../score/tests/doublet.toml");
 
 fn written(folder: &Path) -> std::path::PathBuf {
     mavsight().args(["plan", "cameras", "--example"]).arg(folder).assert().success();

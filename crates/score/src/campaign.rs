@@ -364,19 +364,7 @@ low_m = [3.2, -0.5, 0.0]
 high_m = [3.5, 2.0, 3.2]
 "#;
 
-    const DOUBLET: &str = r#"
-duration_s = 3.0
-frame_rate_hz = 20.0
-input_rate_hz = 100.0
-position_m = [0.0, 0.0, 1.5]
-heading_deg = 22.5
-[[maneuver]]
-kind = "doublet"
-channel = "delta_lon"
-start_s = 0.5
-pulse_s = 0.5
-amplitude = -4.0
-"#;
+    const DOUBLET: &str = include_str!("../tests/doublet.toml");
 
     fn cell() -> Cell {
         let room: Room = toml::from_str(ROOM).expect("a room");
