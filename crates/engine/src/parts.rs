@@ -51,10 +51,14 @@ fn span_s(samples: &[MotionSample]) -> (f64, f64) {
     (t_s(samples.first()), t_s(samples.last()))
 }
 
+/// Time without a row up to which none is noted as missing, at any rate: a person takes as long to react.
+const LONG_S: f64 = 0.2;
+/// Usual intervals up to which none is missing: of rows that come at random, as in a log of changes, one interval in
+/// 2¹⁰ is longer than ten medians.
+const MANY: f64 = 10.0;
+
 /// A note on missing rows of inputs that were logged at an even rate; a log of changes has none.
 pub(crate) fn held_long(inputs: &InputSeries) -> Option<String> {
-    const LONG_S: f64 = 0.2;
-    const MANY: f64 = 10.0;
     let times_s = inputs.times_s();
     let step_s = |w: &[f64]| w[1] - w[0];
     let usual_s = median(times_s.windows(2).map(step_s).collect())?;

@@ -63,6 +63,9 @@ pub use result::{DerivedQuantity, Extent, FittedParameter, OutputErrorFit, Predi
 pub use sensor::SensedMeasurements;
 pub use structure::{AddedTerm, AskedFor, NotAdded, ScoreTest, StructureSearch, TriedTerm, search_structure};
 
+/// Measurements this near to each other are of one instant: what is lost where times are written in microseconds.
+const SAME_TIME_S: f64 = 1e-6;
+
 fn seconds(t_ns: i64) -> f64 {
     t_ns as f64 * 1e-9
 }

@@ -23,6 +23,8 @@ const WAITING_FAST: usize = 8;
 /// Pause of a tracker after its report, which leaves the processor to the pose estimate.
 const POSE_TIME: Duration = Duration::from_millis(1);
 
+/// Wait before a source that has ended is opened again, twice as long after each failure: where it is back at once, it has
+/// cost six frames of thirty a second.
 const FIRST_WAIT_NS: i64 = 200_000_000;
 /// Longest wait before a source is opened again, after repeated failures.
 const LONGEST_WAIT_NS: i64 = 4_000_000_000;

@@ -1,5 +1,6 @@
 //! How a fitted model predicts a second ahead.
 
+use super::SAME_TIME_S;
 use super::filter::{SEGMENT_S, VELOCITY};
 use super::fitter::{Fitter, LONGEST_STEP_S, PROMISE, Recorded, TIGHTNESS};
 use super::measure::{Measurements, StateMeasurement};
@@ -18,7 +19,6 @@ use mavsight_geometry::{Isometry3, UnitQuaternion, Vector3};
 pub(super) const FILTERED_S: f64 = 2.0;
 /// Poses that a state is filtered from, at least.
 const FEWEST: usize = 10;
-const SAME_TIME_S: f64 = 1e-6;
 /// Horizons over which a prediction may go where poses are missing: beyond, it is one of another time.
 const LONGEST: f64 = 1.5;
 

@@ -13,7 +13,8 @@ pub(crate) const SEEN: usize = 6;
 const STEPS_PER_TIME_CONSTANT: f64 = 5.0;
 /// What follows faster cannot be flown in the time that a user waits.
 pub(crate) const SHORTEST_TIME_CONSTANT_S: f64 = 1e-4;
-const SAME_TIME_S: f64 = 1e-9;
+/// Times this near to each other are one that was rounded: measurements have theirs in nanoseconds.
+const ROUNDING_S: f64 = 1e-9;
 
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Step {
@@ -36,7 +37,7 @@ pub(crate) struct Raster<'a> {
 impl Raster<'_> {
     /// The row of the inputs that acts from a time on.
     pub(crate) fn input_at(&self, t_s: f64) -> usize {
-        self.inputs.times_s().partition_point(|row_s| row_s + self.lag_s <= t_s + SAME_TIME_S).max(1) - 1
+        self.inputs.times_s().partition_point(|row_s| row_s + self.lag_s <= t_s + ROUNDING_S).max(1) - 1
     }
 
     /// Steps from one time to another that end at every change of the inputs and at every instant.
@@ -47,7 +48,7 @@ impl Raster<'_> {
         let mut ahead = instants.peekable();
         let mut out = Vec::new();
         let mut now_s = from_s;
-        while now_s < to_s - SAME_TIME_S {
+        while now_s < to_s - ROUNDING_S {
             let next = self.inputs.times_s().get(input + 1);
             let change_s = next.map_or(f64::INFINITY, |row_s| row_s + self.lag_s);
             let instant_s = ahead.peek().map_or(f64::INFINITY, |k| self.times_s[*k]);
@@ -55,9 +56,9 @@ impl Raster<'_> {
             let count = ((end_s - now_s) / self.longest_s).ceil().max(1.0);
             let step = Step { h_s: (end_s - now_s) / count, input, changes_to: None, instant: None };
             out.extend(std::iter::repeat_n(step, count as usize - 1));
-            let changes = (change_s - end_s).abs() < SAME_TIME_S;
+            let changes = (change_s - end_s).abs() < ROUNDING_S;
             input += usize::from(changes);
-            let is_instant = (instant_s - end_s).abs() < SAME_TIME_S;
+            let is_instant = (instant_s - end_s).abs() < ROUNDING_S;
             out.push(Step {
                 changes_to: changes.then_some(input),
                 instant: ahead.next_if(|_| is_instant),

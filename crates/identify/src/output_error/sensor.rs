@@ -4,16 +4,13 @@ use super::measure::Measurements;
 use super::model::Equations;
 use super::propagate::{SEEN, by_turn};
 use super::row::Row;
-use super::seconds;
+use super::{SAME_TIME_S, seconds};
 use crate::IdentifyError;
 use mavsight_flight::{InputSeries, SensorSeries};
 use mavsight_geometry::Isometry3;
 use mavsight_model::{Evaluation, Model};
 use nalgebra::SVector;
 use std::ops::Range;
-
-/// Samples this near to a pose are of its instant: what is lost where times are written in microseconds.
-const SAME_TIME_S: f64 = 1e-6;
 
 /// Poses or images, and samples of sensors.
 #[derive(Debug, Clone)]

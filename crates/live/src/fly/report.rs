@@ -7,6 +7,7 @@ use crate::status::CameraStatus;
 use crate::{InstantEstimate, Latencies, events};
 use mavsight_link::{CameraState, Event, Fix, Tracking};
 
+/// Time over which frames are counted for a report: a rate is then known to one frame a second.
 const REPORT_NS: i64 = 1_000_000_000;
 
 impl Flight<'_> {
