@@ -54,15 +54,19 @@ const SOUND_M_S: f64 = 343.0;
 const SOUND_AND_PICTURE_S: f64 = 0.02;
 
 /// Starts each clock of which nothing is known from the flash that its camera and the first saw. A frame
-/// shows a flash of any moment between it and the frame before, so that a start is known to the root of a
-/// twelfth of both intervals' squares. Says what was found, and what was not.
+/// shows a flash of any moment between it and the frame before: on average half an interval before its stamp,
+/// so that a start is known to the root of a twelfth of both intervals' squares. Says what was found, and what
+/// was not.
 pub(crate) fn start_by_flash(streams: &mut [Stream]) -> Vec<String> {
     if streams.first().is_none_or(|first| first.brightness.is_none()) {
         return Vec::new();
     }
     let missing = "shows no flash that stands out";
     let remedy = "Flash once, at all cameras, from where it lights the room.";
-    let seen = |s: &Stream| s.brightness.as_ref().and_then(|b| flash_s(&s.stamps_ns, b)).ok_or(missing);
+    let seen = |s: &Stream| {
+        let stamp_s = s.brightness.as_ref().and_then(|b| flash_s(&s.stamps_ns, b)).ok_or(missing)?;
+        Ok(stamp_s - 0.5 * s.interval_s())
+    };
     start_clocks(streams, "flash", remedy, seen, |_, first, stream| {
         (first.interval_s().powi(2) + stream.interval_s().powi(2)) / 12.0
     })
@@ -191,6 +195,18 @@ mod flash_tests {
         assert!((b.offset_std_s - 0.04 / 6f64.sqrt()).abs() < 1e-9, "{b:?}");
         assert_eq!(streams[2].clock, known);
         assert!(notes.len() == 1 && notes[0].contains("puts b 2000.0 ± 16.3 ms late"), "{notes:?}");
+    }
+
+    /// Half of the difference of their intervals was taken for a part of the offset.
+    #[test]
+    fn a_flash_in_cameras_of_unlike_rates_is_half_an_interval_before_the_frame_of_each() {
+        let mut slow = stream("b", 10, ClockPrior::unknown());
+        slow.stamps_ns.iter_mut().for_each(|t| *t *= 2);
+        let mut streams = [stream("a", 20, ClockPrior::known(CameraClock::default())), slow];
+        start_by_flash(&mut streams);
+        // Between 0.76 and 0.80 s of the first camera, 0.72 and 0.80 s of the second.
+        let offset_s = streams[1].clock.clock.offset_s;
+        assert!((offset_s - (0.76 - 0.78)).abs() < 1e-9, "{offset_s}");
     }
 
     #[test]
