@@ -8,7 +8,7 @@ mod turns;
 use crate::gyroscope::{RateErrors, Turned};
 use crate::{GyroscopeSeries, InertialError};
 use mavsight_geometry::{Matrix3, UnitQuaternion, Vector3};
-use mavsight_pose::PoseSample;
+use mavsight_pose::{PoseSample, QUARTZ_DRIFT_STD};
 use nalgebra::{SMatrix, SVector};
 use start::Start;
 use turns::{PoseTurn, pose_turns};
@@ -19,9 +19,6 @@ pub(crate) const TURN: usize = 2;
 pub(crate) const BIAS: usize = 5;
 pub(crate) const SCALE: usize = 8;
 
-/// What is known before the flight. Quartz clocks of cameras and flight controllers are made to within 50 ppm and age: two of
-/// them differ by 100 ppm as one standard deviation.
-const DRIFT_STD: f64 = 1e-4;
 /// Offset of a consumer gyroscope that nobody calibrated: 1 degree a second and more with temperature (data sheets of BMI088
 /// and MPU-6000), taken widely.
 const BIAS_STD_RAD_S: f64 = 0.05;
@@ -257,7 +254,7 @@ impl Problem<'_> {
         let weight = |std: f64| std.powi(-2);
         let mut weights = SVector::<f64, UNKNOWNS>::zeros();
         let mut away = SVector::<f64, UNKNOWNS>::zeros();
-        (weights[1], away[1]) = (weight(DRIFT_STD), point.drift);
+        (weights[1], away[1]) = (weight(QUARTZ_DRIFT_STD), point.drift);
         for k in 0..3 {
             (weights[TURN + k], away[TURN + k]) = (weight(TURN_STD_RAD), turn[k]);
             (weights[BIAS + k], away[BIAS + k]) = (weight(BIAS_STD_RAD_S), bias[k]);

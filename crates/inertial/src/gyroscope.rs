@@ -2,16 +2,14 @@
 
 use crate::InertialError;
 use mavsight_geometry::{UnitQuaternion, Vector3};
-
-/// Steps between samples that are longer than this many usual ones, by their median, are holes: what turned meanwhile, no sample
-/// shows.
-const LONGER: i64 = 3;
+use mavsight_pose::Sampling;
 
 /// Samples of a gyroscope at increasing times by the clock of its log, in its own axes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GyroscopeSeries {
     times_ns: Vec<i64>,
     rates_rad_s: Vec<Vector3<f64>>,
+    sampling: Sampling,
 }
 
 impl GyroscopeSeries {
@@ -21,9 +19,8 @@ impl GyroscopeSeries {
     /// [`InertialError::Table`], [`InertialError::Time`], [`InertialError::NotFinite`].
     pub fn new(times_ns: Vec<i64>, rates_rad_s: Vec<Vector3<f64>>) -> Result<Self, InertialError> {
         let (times, rates) = (times_ns.len(), rates_rad_s.len());
-        if times != rates || times < 2 {
-            return Err(InertialError::Table { times, rates });
-        }
+        let sampling = Sampling::of(&times_ns).filter(|_| times == rates);
+        let Some(sampling) = sampling else { return Err(InertialError::Table { times, rates }) };
         let seconds = |t_ns: i64| t_ns as f64 * 1e-9;
         if let Some(k) = times_ns.windows(2).position(|pair| pair[1] <= pair[0]) {
             let (before_s, t_s) = (seconds(times_ns[k]), seconds(times_ns[k + 1]));
@@ -32,7 +29,7 @@ impl GyroscopeSeries {
         if let Some(k) = rates_rad_s.iter().position(|rate| !rate.iter().all(|x| x.is_finite())) {
             return Err(InertialError::NotFinite { t_s: seconds(times_ns[k]) });
         }
-        Ok(Self { times_ns, rates_rad_s })
+        Ok(Self { times_ns, rates_rad_s, sampling })
     }
 
     /// Times by the log's clock.
@@ -59,23 +56,19 @@ impl GyroscopeSeries {
         (*squares.select_nth_unstable_by(middle, f64::total_cmp).1 / 0.4549).sqrt()
     }
 
-    /// The number of holes before each sample.
+    /// The number of holes before each sample: what turned meanwhile, no sample shows.
     fn holes(&self) -> Vec<u32> {
-        let mut steps_ns: Vec<i64> = self.times_ns.windows(2).map(|pair| pair[1] - pair[0]).collect();
-        let middle = steps_ns.len() / 2;
-        let longest_ns = steps_ns.select_nth_unstable(middle).1.saturating_mul(LONGER);
         let mut count = 0;
         let later = self.times_ns.windows(2).map(|pair| {
-            count += u32::from(pair[1] - pair[0] > longest_ns);
+            count += u32::from(pair[1] - pair[0] > self.sampling.longest_ns);
             count
         });
         std::iter::once(0).chain(later).collect()
     }
 
-    /// Mean time from one sample to the next.
+    /// Mean time from one sample to the next, holes left out.
     pub(crate) fn interval_s(&self) -> f64 {
-        let span_ns = self.times_ns[self.times_ns.len() - 1] - self.times_ns[0];
-        span_ns as f64 * 1e-9 / (self.times_ns.len() - 1) as f64
+        self.sampling.interval_s
     }
 }
 

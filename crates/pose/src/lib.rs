@@ -59,4 +59,4 @@ pub use smoother::{
     RateError, RateSeries, covariance_from_std, euler_std, lowpass_like, motion_noise, smooth,
     smooth_with_effects, smooth_with_rates,
 };
-pub use statistics::{MAD_TO_STD, NORMAL_95, median};
+pub use statistics::{MAD_TO_STD, NORMAL_95, Sampling, median};

@@ -5,8 +5,8 @@ use crate::MarkerObservation;
 use mavsight_geometry::{ImageSize, Vector2};
 use std::fmt;
 
-/// Standard deviation of a quartz clock's rate between two cameras: crystals of consumer electronics are sold
-/// with tolerances of 20 to 100 parts in a million.
+/// Standard deviation of one quartz clock's rate against another's, of cameras or flight controllers: crystals of consumer
+/// electronics are sold with tolerances of 20 to 100 parts in a million.
 pub const QUARTZ_DRIFT_STD: f64 = 100e-6;
 
 /// What a camera's time stamps mean: stamp = offset + (1 + drift)·t for the middle row of an image, and rows

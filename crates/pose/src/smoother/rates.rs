@@ -5,6 +5,7 @@
 //! short against what it passes, so that it costs by the band of the motion and not by the rate of the sensor.
 
 use crate::smoother::noise::{COARSE_STEPS, least};
+use crate::statistics::Sampling;
 use crate::{PoseError, RatesRefusal};
 use mavsight_geometry::{Matrix3, Vector3};
 use std::f64::consts::PI;
@@ -14,8 +15,6 @@ use std::ops::Range;
 const NEEDED: usize = 30;
 /// Means are over this share of the period at which half of a rate passes: there they take (π/16)²/6, 0.6 %, of it.
 const MEANS_IN_A_PERIOD: f64 = 16.0;
-/// Steps between samples that are longer than this many usual ones are gaps.
-const LONGER: f64 = 3.0;
 /// The longest gap between poses that rates bridge. Attitude is known much longer, position is not: 1 g that nobody measures
 /// is g t³/6 for white jerk of that size, 1.6 m after a second.
 const LONGEST_BRIDGE_S: f64 = 1.0;
@@ -120,7 +119,9 @@ impl Rates {
         if within.len() < NEEDED {
             return Err(too_few);
         }
-        let samples = Samples { times_ns: &times[within.clone()], rates_rad_s: &series.rates_rad_s[within] };
+        let Some(sampling) = Sampling::of(&times[within.clone()]) else { return Err(too_few) };
+        let (times_ns, rates_rad_s) = (&times[within.clone()], &series.rates_rad_s[within]);
+        let samples = Samples { times_ns, rates_rad_s, sampling };
         let found = samples.most_likely().ok_or(too_few)?;
         let means = samples.means(found.variance, 1.0 / (MEANS_IN_A_PERIOD * found.bandwidth_hz));
         let (intensity, bandwidth_hz) = (found.intensity, found.bandwidth_hz);
@@ -172,6 +173,7 @@ struct RateNoise {
 struct Samples<'a> {
     times_ns: &'a [i64],
     rates_rad_s: &'a [Vector3<f64>],
+    sampling: Sampling,
 }
 
 impl Samples<'_> {
@@ -179,16 +181,10 @@ impl Samples<'_> {
         (self.times_ns[k] - self.times_ns[k - 1]) as f64 * 1e-9
     }
 
-    /// Mean time from one sample to the next.
-    fn interval_s(&self) -> f64 {
-        let last = self.times_ns.len() - 1;
-        (self.times_ns[last] - self.times_ns[0]) as f64 * 1e-9 / last as f64
-    }
-
     /// The noise of greatest likelihood, sought as that of poses from one cycle in twice the record to the Nyquist frequency:
     /// of white jerk, a smoother of rates passes 1/(1 + (f/fc)⁴) of them, with (2π fc)⁴ = q/(r dt).
     fn most_likely(&self) -> Option<RateNoise> {
-        let interval_s = self.interval_s();
+        let interval_s = self.sampling.interval_s;
         let duration_s = interval_s * (self.times_ns.len() - 1) as f64;
         let unit = |log_hz: f64| (2.0 * PI * log_hz.exp()).powi(4) * interval_s;
         let cost = |log_hz: f64| {
@@ -234,13 +230,13 @@ impl Samples<'_> {
 
     /// Means over at most a span, and never across a gap.
     fn means(&self, variance: f64, span_s: f64) -> Vec<MeanRate> {
-        let longest_s = LONGER * self.interval_s();
+        let Sampling { longest_ns, interval_s } = self.sampling;
         let mut out: Vec<MeanRate> = Vec::new();
         let mut first = 0;
         for end in 1..=self.times_ns.len() {
             let goes_on = end < self.times_ns.len()
-                && self.step_s(end) <= longest_s
-                && (self.times_ns[end] - self.times_ns[first]) as f64 * 1e-9 + self.interval_s() <= span_s;
+                && self.times_ns[end] - self.times_ns[end - 1] <= longest_ns
+                && (self.times_ns[end] - self.times_ns[first]) as f64 * 1e-9 + interval_s <= span_s;
             if goes_on {
                 continue;
             }
