@@ -27,7 +27,8 @@ pub(crate) fn mean_sensors(sensors: &SensorSeries) -> Result<SensorSeries, Fligh
     SensorSeries::of_samples(sensors.columns().to_vec(), &samples)
 }
 
-/// Inputs that hold their means over [`MEANS_S`], where rows are [`FAST_INPUTS_S`] apart or less on average; others as they are.
+/// Inputs that hold their means over [`MEANS_S`], the last one over what is left, where rows are [`FAST_INPUTS_S`] apart or
+/// less on average; others as they are.
 pub(crate) fn mean_inputs(inputs: &InputSeries) -> Result<InputSeries, FlightError> {
     let times_s = inputs.times_s();
     let rows = times_s.len();
@@ -36,10 +37,11 @@ pub(crate) fn mean_inputs(inputs: &InputSeries) -> Result<InputSeries, FlightErr
         return Ok(inputs.clone());
     }
     let count = (span_s / MEANS_S).floor() as usize;
-    let (mut at, mut times, mut values) = (0, Vec::with_capacity(count), Vec::new());
-    for bin in 0..count {
-        let from_s = inputs.start_s() + bin as f64 * MEANS_S;
-        let to_s = from_s + MEANS_S;
+    let mut edges_s: Vec<f64> = (0..=count).map(|bin| inputs.start_s() + bin as f64 * MEANS_S).collect();
+    edges_s.extend(edges_s.last().is_some_and(|last_s| *last_s < inputs.end_s()).then(|| inputs.end_s()));
+    let (mut at, mut times, mut values) = (0, Vec::with_capacity(edges_s.len()), Vec::new());
+    for edges in edges_s.windows(2) {
+        let (from_s, to_s) = (edges[0], edges[1]);
         let mut mean = vec![0.0; inputs.names().len()];
         let mut now_s = from_s;
         while now_s < to_s {
@@ -47,13 +49,15 @@ pub(crate) fn mean_inputs(inputs: &InputSeries) -> Result<InputSeries, FlightErr
                 at += 1;
             }
             let next_s = times_s.get(at + 1).map_or(to_s, |t| t.min(to_s));
-            let share = (next_s - now_s) / MEANS_S;
+            let share = (next_s - now_s) / (to_s - from_s);
             mean.iter_mut().zip(inputs.row(at)).for_each(|(m, v)| *m += share * v);
             now_s = next_s;
         }
         times.push(from_s);
         values.extend(mean);
     }
+    times.extend(edges_s.last());
+    values.extend(inputs.row(rows - 1));
     InputSeries::new(inputs.names().to_vec(), times, values)
 }
 
@@ -68,11 +72,22 @@ mod tests {
         InputSeries::new(vec!["u".to_owned()], times, values).expect("inputs")
     }
 
+    /// Sensors of the last bin, or two, were dropped as beyond the inputs.
+    #[test]
+    fn means_of_fast_inputs_end_where_the_inputs_end() {
+        for apart_s in [0.002, 0.0033] {
+            let own = inputs(apart_s);
+            let means = mean_inputs(&own).expect("means");
+            assert!((means.end_s() - own.end_s()).abs() < 1e-9, "{} {}", means.end_s(), own.end_s());
+            assert!(means.times_s().windows(2).all(|w| w[1] > w[0]));
+        }
+    }
+
     #[test]
     fn fast_inputs_hold_means_and_others_are_as_they_were() {
         let fast = mean_inputs(&inputs(0.0025)).expect("means");
         assert!((fast.times_s()[1] - fast.times_s()[0] - MEANS_S).abs() < 1e-12);
-        assert!((0..fast.times_s().len()).all(|k| (fast.row(k)[0] - 0.5).abs() < 1e-9));
+        assert!((0..fast.times_s().len() - 1).all(|k| (fast.row(k)[0] - 0.5).abs() < 1e-9));
         let slow = inputs(1.1 * FAST_INPUTS_S);
         assert_eq!(mean_inputs(&slow).expect("inputs").times_s(), slow.times_s());
     }
