@@ -2,7 +2,8 @@
 //! --example calibration_films`.
 //!
 //! Wand: two balls 500 mm apart are waved for 20 s before the paper's cameras, and the control frame is
-//! seen in one still each; what is compared is the distance between the cameras (scale) and their centres.
+//! seen in one still each; what is compared is the distance between the cameras (scale) and their centres. Once in step,
+//! and once with the second camera late by 10 ms, which nothing says.
 //! An argument `SECONDS` makes it shorter. Board: 12 stills of 8 by 5 squares of 40 mm by one wide camera
 //! with k1 = -0.25, k2 = 0.08, beside control balls; what is compared is the focal length, and the
 //! reprojection RMS over the corners' own errors.
@@ -34,7 +35,7 @@ fn waved(t_s: f64) -> Isometry3<f64> {
     Isometry3::from_parts(at.into(), UnitQuaternion::from_scaled_axis(turn))
 }
 
-fn wand(seconds: f64, room: &Room) -> Result<()> {
+fn wand(seconds: f64, late_s: f64, room: &Room) -> Result<()> {
     let colors = [[0xdb, 0x12, 0x12], [0x12, 0x8c, 0x3a]];
     let linear = |rgb: [u8; 3]| rgb.map(|c| (f64::from(c) / 255.0).powf(2.2));
     let ball = |side: f64, rgb| PaintedBall {
@@ -47,12 +48,12 @@ fn wand(seconds: f64, room: &Room) -> Result<()> {
     let films: Vec<Film<'_>> = cameras.iter().enumerate().map(|(k, c)| lab::film(room, c, k, 7)).collect();
     let frames = (seconds * RATE_HZ) as u64;
     let open_s = Sensor::default().exposure_fraction / RATE_HZ;
-    let feeds = cameras.iter().zip(&films).map(|(camera, film)| {
+    let feeds = cameras.iter().zip(&films).enumerate().map(|(c, (camera, film))| {
         let stick = &stick;
         let size = camera.camera.size;
         let frames = (0..frames).map(move |k| {
             let t_s = k as f64 / RATE_HZ;
-            let rgb = film.frame(k, stick, |share| waved(t_s + share * open_s));
+            let rgb = film.frame(k, stick, |share| waved(t_s + c as f64 * late_s + share * open_s));
             let frame = Frame::from_rgb(size, rgb).expect("a frame of its size");
             Ok(TimedFrame { t_ns: (t_s * 1e9).round() as i64, frame })
         });
@@ -61,7 +62,11 @@ fn wand(seconds: f64, room: &Room) -> Result<()> {
     let balls = colors.map(|[r, g, b]| WandBall { color: Color::new(r, g, b), diameter_m: 0.06 });
     let how = Wand { length_m: LENGTH_M, length_std_m: 0.0, balls };
     let object = wand_of(&how, feeds.collect())?;
-    println!("wand: {} observations of {} frames", object.observations.len(), 2 * frames);
+    let (seen, late_ms) = (object.observations.len(), 1e3 * late_s);
+    println!(
+        "wand: {seen} observations of {} frames, the second camera {late_ms:.0} ms late unknown to it",
+        2 * frames
+    );
     let control = lab::control_frame(&points);
     let stills = cameras
         .iter()
@@ -187,5 +192,6 @@ fn main() -> Result<()> {
     let seconds = std::env::args().nth(1).and_then(|s| s.parse().ok()).unwrap_or(20.0);
     let room = Room::meeting_room();
     board(&room)?;
-    wand(seconds, &room)
+    wand(seconds, 0.0, &room)?;
+    wand(seconds, 0.01, &room)
 }

@@ -1,6 +1,6 @@
 //! A chessboard from its images or films.
 
-use crate::feed::nearest_ns;
+use crate::joined::{joined_to, lag_std_s};
 use crate::{CameraFeed, PipelineError, TimedFrame, usual_interval_ns};
 use mavsight_geometry::Vector2;
 use mavsight_pose::{MarkerObservation, MovedObject, ObjectImages, ObjectLags};
@@ -105,12 +105,10 @@ pub fn board_of(board: &Board, feeds: Vec<Option<CameraFeed<'_>>>) -> Result<Mov
             unseen: film.unseen(),
             late_ns: film.late_ns,
         });
-        let mut taken_ns = None;
-        for view in &film.views {
-            let near_ns = nearest_ns(&grid_ns, view.t_ns, film.step_ns / 2);
+        let times_ns: Vec<i64> = film.views.iter().map(|view| view.t_ns).collect();
+        for (view, near_ns) in film.views.iter().zip(joined_to(&grid_ns, &times_ns, film.step_ns / 2)) {
             let velocities = view.velocities_px_s.as_ref().filter(|_| film.is_film);
-            let joins = near_ns.filter(|t| taken_ns != Some(*t) && (velocities.is_some() || !film.is_film));
-            taken_ns = joins.or(taken_ns);
+            let joins = near_ns.filter(|_| velocities.is_some() || !film.is_film);
             // By itself: a time that no other camera has.
             let t_ns = joins.unwrap_or(view.t_ns + camera as i64 + 1);
             let early_s = 1e-9 * (t_ns - view.t_ns) as f64;
@@ -122,10 +120,9 @@ pub fn board_of(board: &Board, feeds: Vec<Option<CameraFeed<'_>>>) -> Result<Mov
             }
         }
     }
-    // Nearest frames are up to half an interval apart, and nothing says by how much: a uniform spread, half of its
-    // variance in each camera.
+    // Nearest frames are up to half an interval apart, and nothing says by how much.
     let interval_ns = films.iter().flatten().map(|f| f.interval_ns).max().unwrap_or(0);
-    let std_s = 1e-9 * interval_ns as f64 / 24f64.sqrt();
+    let std_s = lag_std_s(interval_ns);
     out.lags = (is_film && board.together && std_s > 0.0).then_some(ObjectLags { std_s, velocities_px_s });
     Ok(out)
 }

@@ -71,14 +71,6 @@ impl<'a> CameraFeed<'a> {
     }
 }
 
-/// The nearest to a time of times in rising order, if it is within so much of it.
-pub(crate) fn nearest_ns(times_ns: &[i64], t_ns: i64, within_ns: i64) -> Option<i64> {
-    let after = times_ns.partition_point(|t| *t < t_ns);
-    let near = times_ns.get(after.saturating_sub(1)..times_ns.len().min(after + 1))?;
-    let nearest = near.iter().copied().min_by_key(|t| (t - t_ns).abs())?;
-    ((nearest - t_ns).abs() <= within_ns).then_some(nearest)
-}
-
 /// The median time between frames or rows; none of fewer than two.
 pub fn usual_interval_ns(times_ns: impl IntoIterator<Item = i64>) -> Option<i64> {
     let times_ns: Vec<i64> = times_ns.into_iter().collect();

@@ -15,6 +15,7 @@ mod detected;
 mod error;
 mod feed;
 mod health;
+mod joined;
 mod markers;
 mod misfit;
 mod poses;
