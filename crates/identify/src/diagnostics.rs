@@ -112,9 +112,6 @@ pub struct Agreement {
     /// squares, 0 for equal, 1 for unrelated series (Theil 1961); below 0.25 to 0.3 counts as good
     /// (Jategaonkar 2015, section 11.3.3).
     pub theil: f64,
-    /// Shares of the mean square difference that are one of means, of spreads, and of neither; they sum to
-    /// one. The last should be most.
-    pub theil_shares: [f64; 3],
 }
 
 /// Compares a measured series with a fitted or predicted one; the shorter decides how many. Empty series
@@ -128,23 +125,14 @@ pub fn agreement(measured: &[f64], predicted: &[f64]) -> Agreement {
     let n = count as f64;
     let difference = &y - &z;
     let mean_square = difference.norm_squared() / n;
-    let (y_mean, z_mean) = (y.mean(), z.mean());
-    let (y_left, z_left) = (y.add_scalar(-y_mean), z.add_scalar(-z_mean));
-    let (y_std, z_std) = (y_left.norm() / n.sqrt(), z_left.norm() / n.sqrt());
-    let shared = y_left.dot(&z_left) / n;
+    let variance = y.add_scalar(-y.mean()).norm_squared() / n;
     let sizes = (y.norm() + z.norm()) / n.sqrt();
-    let share = |v: f64| if mean_square > 0.0 { v / mean_square } else { 0.0 };
     Agreement {
         count,
-        r2: if y_std > 0.0 { 1.0 - mean_square / (y_std * y_std) } else { 0.0 },
+        r2: if variance > 0.0 { 1.0 - mean_square / variance } else { 0.0 },
         rms: mean_square.sqrt(),
         max: difference.amax(),
         theil: if sizes > 0.0 { mean_square.sqrt() / sizes } else { 0.0 },
-        theil_shares: [
-            share((y_mean - z_mean).powi(2)),
-            share((y_std - z_std).powi(2)),
-            share(2.0 * (y_std * z_std - shared)),
-        ],
     }
 }
 

@@ -56,6 +56,4 @@ pub use robust_covariance::Correlation;
 pub use several_flights::{FittedFlight, PooledParameter, pooled_parameters};
 pub use structure::{Structure, StructureStep, choose_structure, stepwise};
 pub use table::{CoefficientTable, Column, Fixed, Output};
-pub use total_least_squares::{
-    TotalLeastSquares, independent_errors, total_least_squares, total_least_squares_by_row,
-};
+pub use total_least_squares::{TotalLeastSquares, total_least_squares, total_least_squares_by_row};

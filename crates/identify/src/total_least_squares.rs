@@ -34,13 +34,6 @@ pub struct TotalLeastSquares {
     pub singular_values: DVector<f64>,
 }
 
-/// Covariance of errors that are independent from column to column: those of the regressors, then of the
-/// output.
-pub fn independent_errors(column_std: &[f64], output_std: f64) -> DMatrix<f64> {
-    let all = column_std.iter().chain([&output_std]).map(|s| s * s);
-    DMatrix::from_diagonal(&DVector::from_iterator(column_std.len() + 1, all))
-}
-
 /// Fits `output` by `regressors` of which each row, with its output last, carries an error of covariance
 /// `errors` times an unknown factor; a column whose row of `errors` is zero is exact.
 ///

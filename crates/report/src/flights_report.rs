@@ -1,6 +1,6 @@
 //! Parameters of several flights: text, and a page with a forest plot.
 
-use crate::parameters::words;
+use crate::parameters::{aligned, with_unit, words};
 use crate::svg::{AXIS, Area, BLUE, Drawn, FONT, VERMILION, svg};
 use crate::{Figure, Report, ReportError, Table, render};
 use mavsight_identify::{Pooled, PooledParameter};
@@ -22,20 +22,7 @@ pub fn pooled_text(flights: &[String], parameters: &[PooledParameter]) -> String
         return text;
     }
     text += "  mean, standard deviation, 95 % interval, standard deviation between flights\n";
-    let rows: Vec<Vec<String>> = parameters.iter().map(cells).collect();
-    let columns = rows[0].len();
-    let width = |k: usize| rows.iter().map(|r| r[k].chars().count()).max().unwrap_or(0);
-    let widths: Vec<usize> = (0..columns).map(width).collect();
-    for row in &rows {
-        let padded = row.iter().zip(&widths).map(|(cell, width)| format!("{cell:width$}  "));
-        text += format!("  {}", padded.collect::<String>()).trim_end();
-        text.push('\n');
-    }
-    text
-}
-
-fn label(p: &PooledParameter) -> String {
-    if p.unit.is_empty() { p.name.clone() } else { format!("{}, {}", p.name, p.unit) }
+    text + &aligned(&parameters.iter().map(cells).collect::<Vec<_>>())
 }
 
 fn cells(p: &PooledParameter) -> Vec<String> {
@@ -47,8 +34,12 @@ fn cells(p: &PooledParameter) -> Vec<String> {
     } else {
         String::new()
     };
-    [vec![p.estimator.clone(), label(p)], numbers.to_vec(), vec![p.flights.len().to_string(), verdict]]
-        .concat()
+    [
+        vec![p.estimator.clone(), with_unit(&p.name, &p.unit)],
+        numbers.to_vec(),
+        vec![p.flights.len().to_string(), verdict],
+    ]
+    .concat()
 }
 
 /// Writes `flights.html`: for each estimator a table of pooled parameters and a forest plot.
@@ -86,7 +77,7 @@ pub fn write_flights_report(
             let caption = format!(
                 "{}: 95 % interval of each flight by {name}, and of the mean (diamond); the shaded band reaches one standard \
                  deviation between flights to either side.",
-                label(p)
+                with_unit(&p.name, &p.unit)
             );
             Ok(Figure::new(caption, forest(p, flights)?))
         });
@@ -106,7 +97,7 @@ fn forest(p: &PooledParameter, flights: &[String]) -> Result<String, ReportError
     let rows = p.flights.len() as u32 + 1;
     svg(HEAD_PX + ROW_PX * rows + FOOT_PX, |root| {
         let style = (FONT, 16).into_font().color(&BLACK);
-        root.draw(&Text::new(label(p), (12, 8), (FONT, 17)))?;
+        root.draw(&Text::new(with_unit(&p.name, &p.unit), (12, 8), (FONT, 17)))?;
         let mut chart = ChartBuilder::on(root)
             .margin_top(HEAD_PX)
             .margin_right(18)

@@ -46,7 +46,7 @@ pub(crate) fn summarise(summary: &mut Summary, results: &RunResults) {
         summary.verdicts.extend(fit.ahead.iter().map(|ahead| ahead_of(name, ahead)));
         let mut section = summary.section("parameters");
         for p in fit.parameters.iter().filter(|p| p.identifiable) {
-            let label = format!("{} ({name})", with_unit(p));
+            let label = format!("{} ({name})", with_unit(&p.name, &p.unit));
             let shown = format!("{:+.3e} ± {:.1e}", p.value, p.std);
             let value = json!({"value": p.value, "std": p.std});
             section.add(format!("{name}_{}", p.name.replace(',', "_")), label, value, shown);
@@ -167,7 +167,7 @@ pub(crate) fn tables(results: &RunResults) -> Vec<Table> {
     let rows = first.parameters.iter().map(|p| {
         let equations = equations.iter().map(|_| of_equations(&p.name));
         let motion = fits.iter().map(|(_, fit)| fit.parameter(&p.name).map(|p| (p.value, p.std)));
-        row(with_unit(p), equations.chain(motion).map(show))
+        row(with_unit(&p.name, &p.unit), equations.chain(motion).map(show))
     });
     let caption = "Estimators side by side: value ± standard deviation. Equation error takes the flapping times from the \
                    vehicle file, output error finds them.";

@@ -1,7 +1,7 @@
 //! Tables and words for fitted parameters, whichever estimator found them.
 
 use crate::Table;
-use mavsight_identify::output_error::{FILTER_ERROR, FittedParameter, OUTPUT_ERROR, OutputErrorFit};
+use mavsight_identify::output_error::{FILTER_ERROR, OUTPUT_ERROR, OutputErrorFit};
 use mavsight_identify::{Estimator, Identification, OutputFit};
 use mavsight_session::RunResults;
 
@@ -28,9 +28,21 @@ pub(crate) fn words(name: &str) -> &str {
     }
 }
 
-/// A parameter's name for people: flapping times have a unit that their names do not show.
-pub(crate) fn with_unit(p: &FittedParameter) -> String {
-    if p.unit.is_empty() { p.name.clone() } else { format!("{}, {}", p.name, p.unit) }
+/// A parameter's name for people, with its unit if it has one.
+pub(crate) fn with_unit(name: &str, unit: &str) -> String {
+    if unit.is_empty() { name.to_owned() } else { format!("{name}, {unit}") }
+}
+
+/// Rows of equally many cells as lines of aligned text; empty where there are none.
+pub(crate) fn aligned(rows: &[Vec<String>]) -> String {
+    let columns = rows.first().map_or(0, Vec::len);
+    let width = |k: usize| rows.iter().map(|r| r[k].chars().count()).max().unwrap_or(0);
+    let widths: Vec<usize> = (0..columns).map(width).collect();
+    let line = |row: &Vec<String>| {
+        let padded = row.iter().zip(&widths).map(|(cell, width)| format!("{cell:width$}  "));
+        format!("  {}", padded.collect::<String>()).trim_end().to_owned() + "\n"
+    };
+    rows.iter().map(line).collect()
 }
 
 /// Which errors the intervals of an estimator cover.
@@ -75,11 +87,10 @@ pub(crate) fn equation_rows(fit: &OutputFit) -> impl Iterator<Item = Vec<String>
 pub(crate) fn motion_rows(fit: &OutputErrorFit) -> impl Iterator<Item = Vec<String>> {
     let parameters = fit.parameters.iter().map(|p| {
         let verdict = if p.identifiable { "" } else { "hardly determined" };
-        cells(with_unit(p), [p.value, p.std, p.ci_low, p.ci_high].map(Some), verdict)
+        cells(with_unit(&p.name, &p.unit), [p.value, p.std, p.ci_low, p.ci_high].map(Some), verdict)
     });
     let derived = fit.derived.iter().map(|d| {
-        let name = if d.unit.is_empty() { d.name.clone() } else { format!("{}, {}", d.name, d.unit) };
-        cells(name, [d.value, d.std, d.ci_low, d.ci_high].map(Some), "derived")
+        cells(with_unit(&d.name, &d.unit), [d.value, d.std, d.ci_low, d.ci_high].map(Some), "derived")
     });
     parameters.chain(derived)
 }
@@ -93,14 +104,8 @@ pub fn parameter_text(results: &RunResults) -> String {
     let motion =
         results.output_error.named().flat_map(|(name, f)| motion_rows(f).map(move |r| with(name, r)));
     let rows: Vec<Vec<String>> = equations.chain(motion).collect();
-    let Some(first) = rows.first() else { return String::new() };
-    let width = |k: usize| rows.iter().map(|r| r[k].chars().count()).max().unwrap_or(0);
-    let widths: Vec<usize> = (0..first.len()).map(width).collect();
-    let mut text = String::from("\nParameters: value, standard deviation, 95 % interval\n");
-    for row in &rows {
-        let padded = row.iter().zip(&widths).map(|(cell, width)| format!("{cell:width$}  "));
-        text += format!("  {}", padded.collect::<String>()).trim_end();
-        text.push('\n');
+    if rows.is_empty() {
+        return String::new();
     }
-    text
+    "\nParameters: value, standard deviation, 95 % interval\n".to_owned() + &aligned(&rows)
 }

@@ -3,6 +3,13 @@ use crate::testing::linear_problem_of_scipy;
 use mavsight_random::Random;
 use proptest::prelude::*;
 
+/// Covariance of errors that are independent from column to column: those of the regressors, then of the
+/// output.
+fn independent_errors(column_std: &[f64], output_std: f64) -> DMatrix<f64> {
+    let all = column_std.iter().chain([&output_std]).map(|s| s * s);
+    DMatrix::from_diagonal(&DVector::from_iterator(column_std.len() + 1, all))
+}
+
 /// SLICOT, example of MB02MD and of MB02ND: M = 6, N = 3, L = 1, total least squares in all columns.
 #[rustfmt::skip]
 fn slicots_example() -> DMatrix<f64> {
