@@ -2,6 +2,7 @@
 
 use super::equations::{Misfit, Problem, Sums, Unknown};
 use super::types::{CameraClock, ClockEstimate, ClockVerdict, DRIFT, LINE_TIME, OFFSET};
+use mavsight_geometry::Isometry3;
 use nalgebra::{DMatrix, DVector};
 
 /// Part of a frame's interval to which a determined clock's offset is known.
@@ -23,6 +24,14 @@ const MUCH_BETTER: f64 = 0.9;
 const COARSE_INSTANTS: usize = 80;
 
 const MOST_STEPS: usize = 20;
+
+/// A search that is right ends at the same offset from this part of an interval beside it: as far as the coarse search may be
+/// off.
+const BESIDE_INTERVALS: f64 = 0.5;
+
+/// An end of the search is no rival of one that leaves half of its misfit: four times the square is beyond what a part of the
+/// balls that is not seen as claimed does.
+const MUCH_WORSE: f64 = 2.0;
 
 /// Steps smaller than this part of an unknown's standard deviation are the last.
 const CONVERGED_STD: f64 = 0.03;
@@ -51,7 +60,7 @@ pub(super) fn solve(problem: &mut Problem<'_>, out: &mut [ClockEstimate]) {
         coarse(problem, &mut clocks, *camera);
     }
     problem.leave_out_leaps(&clocks);
-    let Some(mut found) = descend(problem, clocks, &unknowns) else {
+    let Some(mut found) = best_end(problem, clocks, &unknowns) else {
         let (speed_px_s, needed_px_s, needed_m_s) = (0.0, f64::INFINITY, f64::INFINITY);
         let unseen = ClockVerdict::TooSlow { speed_px_s, needed_px_s, needed_m_s };
         return offsets.iter().for_each(|(k, _)| out[*k].verdict = unseen);
@@ -132,6 +141,68 @@ fn coarse(problem: &mut Problem<'_>, clocks: &mut [CameraClock], camera: usize) 
         if instants > 10 && 2 * instants >= at_start.instants && mean < least {
             (least, clocks[camera].offset_s) = (mean, offset_s);
         }
+    }
+}
+
+/// The best end of the search from some clocks, from the given ones, and from beside the first end. Where another end is hardly
+/// worse, the flight does not say which is right: the standard deviations reach to it.
+///
+/// Noise beyond what the observations claim makes ends where there are none: it passes for speed in the image, so that steps are
+/// too short, and a centre between frames has that of its neighbours too, so that whole intervals seem to fit.
+fn best_end(problem: &mut Problem<'_>, clocks: Vec<CameraClock>, unknowns: &[Unknown]) -> Option<Found> {
+    let given: Vec<CameraClock> = problem.streams.iter().map(|s| s.prior.clock).collect();
+    let first = End::of(problem, clocks.clone(), unknowns)?;
+    let beside = |intervals: f64| {
+        let mut beside = first.found.clocks.clone();
+        for (camera, _) in unknowns.iter().filter(|u| u.1 == OFFSET) {
+            beside[*camera].offset_s += intervals * problem.streams[*camera].interval_s;
+        }
+        beside
+    };
+    let mut starts = vec![beside(-BESIDE_INTERVALS), beside(BESIDE_INTERVALS)];
+    if given != clocks {
+        starts.push(given);
+    }
+    let others = starts.into_iter().filter_map(|start| End::of(problem, start, unknowns));
+    let mut ends: Vec<End> = others.collect();
+    ends.push(first);
+    problem.scale = ends.iter().map(|end| end.scale).fold(f64::INFINITY, f64::min);
+    ends.iter_mut().for_each(|end| end.misfit = end.misfit(problem));
+    ends.sort_by(|a, b| a.misfit.total_cmp(&b.misfit));
+    let mut ends = ends.into_iter();
+    let mut best = ends.next()?;
+    for other in ends.take_while(|other| other.misfit < MUCH_WORSE * best.misfit) {
+        for (u, (camera, part)) in unknowns.iter().enumerate() {
+            let [mut own, mut rival] = [&best, &other].map(|end| end.found.clocks[*camera]);
+            best.found.std[u] = best.found.std[u].hypot(*rival.parts()[*part] - *own.parts()[*part]);
+        }
+    }
+    (problem.poses, problem.systematic_px, problem.scale) = (best.poses, best.systematic_px, best.scale);
+    Some(best.found)
+}
+
+/// Where a search ended, with what else it found.
+struct End {
+    found: Found,
+    poses: Vec<Option<Isometry3<f64>>>,
+    systematic_px: DVector<f64>,
+    scale: f64,
+    misfit: f64,
+}
+
+impl End {
+    fn of(problem: &mut Problem<'_>, clocks: Vec<CameraClock>, unknowns: &[Unknown]) -> Option<Self> {
+        problem.systematic_px.fill(0.0);
+        let found = descend(problem, clocks, unknowns)?;
+        let (poses, systematic_px) = (problem.poses.clone(), problem.systematic_px.clone());
+        Some(Self { found, poses, systematic_px, scale: problem.scale, misfit: f64::INFINITY })
+    }
+
+    fn misfit(&self, problem: &mut Problem<'_>) -> f64 {
+        problem.poses.clone_from(&self.poses);
+        problem.systematic_px.clone_from(&self.systematic_px);
+        let cameras: Vec<usize> = (0..problem.streams.len()).collect();
+        problem.misfit(&self.found.clocks, &cameras, 1, f64::INFINITY).mean
     }
 }
 
