@@ -145,7 +145,7 @@ fn coarse(problem: &mut Problem<'_>, clocks: &mut [CameraClock], camera: usize) 
 }
 
 /// The best end of the search from some clocks, from the given ones, and from beside the first end. Where another end is hardly
-/// worse, the flight does not say which is right: the standard deviations reach to it.
+/// worse and not the same, the flight does not say which is right: the standard deviations reach to it.
 ///
 /// Noise beyond what the observations claim makes ends where there are none: it passes for speed in the image, so that steps are
 /// too short, and a centre between frames has that of its neighbours too, so that whole intervals seem to fit.
@@ -174,7 +174,10 @@ fn best_end(problem: &mut Problem<'_>, clocks: Vec<CameraClock>, unknowns: &[Unk
     for other in ends.take_while(|other| other.misfit < MUCH_WORSE * best.misfit) {
         for (u, (camera, part)) in unknowns.iter().enumerate() {
             let [mut own, mut rival] = [&best, &other].map(|end| end.found.clocks[*camera]);
-            best.found.std[u] = best.found.std[u].hypot(*rival.parts()[*part] - *own.parts()[*part]);
+            let apart = (*rival.parts()[*part] - *own.parts()[*part]).abs();
+            if apart > SIGNIFICANT * best.found.std[u].hypot(other.found.std[u]) {
+                best.found.std[u] = best.found.std[u].hypot(apart);
+            }
         }
     }
     (problem.poses, problem.systematic_px, problem.scale) = (best.poses, best.systematic_px, best.scale);
