@@ -189,6 +189,14 @@ pub enum PoseError {
         /// Cameras that see a ball.
         cameras: usize,
     },
+    /// What was seen says nothing of the attitude about an axis.
+    #[error(
+        "what was seen leaves the attitude unknown about an axis (standard deviation {std_deg:.0}°): show more markers, or let another camera see them"
+    )]
+    AttitudeUnknown {
+        /// Largest standard deviation of a turn, about any axis.
+        std_deg: f64,
+    },
     /// What was seen is not the body that is described, or may as well be another.
     #[error("what was seen is not decidedly the body of the vehicle file ({0}): correct the file")]
     AnotherBody(&'static str),

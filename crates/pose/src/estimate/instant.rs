@@ -9,6 +9,7 @@ use crate::reprojection::{PointObservation, PoseFit};
 use crate::{MarkerObservation, PoseError};
 use mavsight_geometry::{Camera, GeometryError, Isometry3, Matrix6, Point3, Vector2};
 use nalgebra::Matrix6xX;
+use std::f64::consts::PI;
 
 impl PoseEstimator {
     /// The pose that fits all observations of one instant best; observations of other instants are passed
@@ -23,8 +24,8 @@ impl PoseEstimator {
     ///
     /// # Errors
     /// [`PoseError::TooFewMarkers`], [`PoseError::AmbiguousPose`], [`PoseError::NotRigid`],
-    /// [`PoseError::NotConverged`], [`PoseError::BadObservation`], [`PoseError::Geometry`] for collinear
-    /// markers, and for stated errors so large that the covariance is not finite.
+    /// [`PoseError::NotConverged`], [`PoseError::AttitudeUnknown`], [`PoseError::BadObservation`],
+    /// [`PoseError::Geometry`] for collinear markers, and for stated errors so large that the covariance is not finite.
     pub fn estimate(
         &self,
         t_ns: i64,
@@ -65,9 +66,9 @@ impl PoseEstimator {
     /// what [`PoseEstimator::estimate`] gives where the residuals are as large as expected.
     ///
     /// # Errors
-    /// [`PoseError::BadObservation`]; [`PoseError::TooFewMarkers`] and [`PoseError::NotConverged`] for
-    /// observations that do not determine the pose; [`PoseError::Geometry`] for a marker behind its camera,
-    /// and for stated errors so large that the covariance is not finite.
+    /// [`PoseError::BadObservation`]; [`PoseError::TooFewMarkers`], [`PoseError::NotConverged`] and
+    /// [`PoseError::AttitudeUnknown`] for observations that do not determine the pose; [`PoseError::Geometry`] for a marker
+    /// behind its camera, and for stated errors so large that the covariance is not finite.
     pub fn predict(
         &self,
         world_from_body: &Isometry3<f64>,
@@ -150,17 +151,24 @@ impl PoseEstimator {
     }
 }
 
+/// Variance of an angle of which nothing is known: evenly spread over the circle.
+const UNKNOWN_RAD2: f64 = PI * PI / 3.0;
+
 /// A pose with its covariance, which must be finite as it is kept: the systematic columns in single precision.
 fn stated(
     world_from_body: Isometry3<f64>,
     own: &Matrix6<f64>,
     effects: &Matrix6xX<f64>,
-) -> Result<PoseEstimate, GeometryError> {
+) -> Result<PoseEstimate, PoseError> {
     let estimate = PoseEstimate::new(world_from_body, own).with_rounded(effects);
     let covariance = estimate.covariance();
     let coordinates = covariance.row_iter().filter(|row| !row.iter().all(|x| x.is_finite())).count();
     if coordinates > 0 {
-        return Err(GeometryError::UnboundedCovariance { what: "the pose", coordinates });
+        return Err(GeometryError::UnboundedCovariance { what: "the pose", coordinates }.into());
+    }
+    let largest_rad2 = covariance.fixed_view::<3, 3>(3, 3).symmetric_eigenvalues().max();
+    if largest_rad2 > UNKNOWN_RAD2 {
+        return Err(PoseError::AttitudeUnknown { std_deg: largest_rad2.sqrt().to_degrees() });
     }
     Ok(estimate)
 }
