@@ -371,6 +371,19 @@ mod tests {
         }
     }
 
+    /// Where a flight bends, the parabolas on both sides of a frame do not meet: that was said to be a push of 0.1 px.
+    #[test]
+    fn a_bend_of_the_motion_is_no_push() {
+        let markers = Vehicle::paper().marker.len();
+        for cubic_px in [3e-4, 1e-3, 3e-3] {
+            let mut bent = streams(2);
+            for (k, detection) in bent[0].detections.iter_mut().enumerate().skip(60 * markers) {
+                detection.pixel.x += cubic_px * ((k / markers) as f64 - 59.5).powi(3);
+            }
+            assert_eq!(found(&mut bent), vec![], "{cubic_px}");
+        }
+    }
+
     #[test]
     fn what_is_no_push_is_left_as_it_is() {
         let mut sound = streams(3);
