@@ -5,7 +5,7 @@ use crate::log_clock::{LogBesidePoses, sensors_of_log};
 use crate::parts::{held_long, longest_without_gap, part_covered, part_without_gap, with_part};
 use crate::weight::wrong_weight;
 use crate::{EngineError, Flight};
-use mavsight_flight::{InputSeries, Vehicle};
+use mavsight_flight::{FlightError, InputSeries, Vehicle};
 use mavsight_identify::output_error::{FlightFitOptions, FlightFits, Images, InputClock, MotionFits};
 use mavsight_identify::{IdentifyError, RegressionError};
 use mavsight_pipeline::{
@@ -84,6 +84,13 @@ pub fn identify_from_motion(
     identify_beside_log(results, motion, None, flight, progress)
 }
 
+/// Of a model without inputs: no columns, from before the motion until after it.
+fn without_inputs(motion: &Motion) -> Result<InputSeries, FlightError> {
+    let [from_s, to_s] = [motion.samples.first(), motion.samples.last()]
+        .map(|sample| sample.map_or(0.0, |sample| sample.t_ns as f64 * 1e-9));
+    InputSeries::new(Vec::new(), vec![from_s - 1.0, to_s + 1.0], Vec::new())
+}
+
 fn identify_beside_log(
     results: &mut RunResults,
     mut motion: Motion,
@@ -97,7 +104,9 @@ fn identify_beside_log(
     results.notes.extend(log.motion.as_ref().unwrap_or(&motion).doubts.words());
     results.notes.extend(log.notes);
     results.log = log.alignment;
-    let Some(recorded) = flight.inputs else {
+    let has_none = flight.vehicle.model.inputs.is_empty();
+    let none = has_none.then(|| without_inputs(&motion)).transpose()?;
+    let Some(recorded) = flight.inputs.or(none.as_ref()) else {
         results.motion = log.motion.or(Some(motion));
         results.notes.push("No parameters: the session names no inputs.".to_owned());
         return Ok(());
@@ -117,6 +126,7 @@ fn identify_beside_log(
     let solved = equation_error(&mut motion, recorded, flight, &mut results.notes, progress);
     results.motion = log.motion.or(Some(motion));
     let mut inputs = None;
+    let fits_motion = flight.options.motion_fits != MotionFits::NONE && !results.poses.is_empty();
     match solved {
         Ok(solution) => {
             results.notes.extend(solution.clocks.words());
@@ -129,9 +139,14 @@ fn identify_beside_log(
         Err(PipelineError::Identify(wrong)) if is_of_the_settings(&wrong) => {
             return Err(EngineError::Setting(wrong));
         }
-        Err(refusal) => results.notes.push(format!("No parameters: {refusal}")),
+        Err(PipelineError::Identify(IdentifyError::NoEquations(_)))
+            if flight.options.fit.estimators.is_empty() => {}
+        Err(refusal) => {
+            let missing = if fits_motion { "equation error" } else { "parameters" };
+            results.notes.push(format!("No {missing}: {refusal}"));
+        }
     }
-    if flight.options.motion_fits != MotionFits::NONE && !results.poses.is_empty() {
+    if fits_motion {
         progress.begin(Stage::Identify, None);
         let of_log = sensors_of_log(results.log.as_ref(), flight, &mut results.notes)?;
         let flight = &Flight { sensors: of_log.as_ref().or(flight.sensors), ..flight.clone() };

@@ -55,5 +55,5 @@ pub use regressors::{Bandwidth, Options, coefficients};
 pub use robust_covariance::Correlation;
 pub use several_flights::{FittedFlight, PooledParameter, pooled_parameters};
 pub use structure::{Structure, StructureStep, choose_structure, stepwise};
-pub use table::{CoefficientTable, Column, Fixed, Output};
+pub use table::{CoefficientTable, Column, Fixed, Output, column_words};
 pub use total_least_squares::{TotalLeastSquares, total_least_squares, total_least_squares_by_row};

@@ -151,3 +151,8 @@ impl CoefficientTable {
         }
     }
 }
+
+/// A column's or a parameter's name for people: `0` is the constant.
+pub fn column_words(name: &str) -> &str {
+    if name == "0" { "the constant" } else { name }
+}

@@ -2,7 +2,7 @@
 
 use crate::dependence::{Dependence, DependentColumn};
 use crate::fit::{Estimator, OutputFit, Parameter};
-use crate::table::{Column, Output};
+use crate::table::{Column, Output, column_words};
 
 /// The condition number from which columns are entangled enough to say so (Belsley, Kuh & Welsch 1980,
 /// section 3.2).
@@ -100,7 +100,8 @@ fn dependent_together<'a>(output: &'a Output, dependence: &Dependence) -> Vec<&'
 fn determined(output: &Output, fit: &OutputFit) -> String {
     let significant = |p: &Parameter| p.ci_low.zip(p.ci_high).is_some_and(|(a, b)| a > 0.0 || b < 0.0);
     let names = |wanted: &dyn Fn(&Parameter) -> bool| {
-        let list: Vec<&str> = fit.parameters.iter().filter(|p| wanted(p)).map(|p| p.name.as_str()).collect();
+        let list: Vec<&str> =
+            fit.parameters.iter().filter(|p| wanted(p)).map(|p| column_words(&p.name)).collect();
         list.join(", ")
     };
     let mut text = format!(
@@ -152,10 +153,11 @@ fn entangled(output: &Output, fit: &OutputFit) -> String {
     );
     let groups = fit.diagnostics.collinearity.entangled(ENTANGLED);
     for group in &groups {
-        let names: Vec<&str> = group.iter().map(|j| fit.diagnostics.columns[*j].as_str()).collect();
-        text += &format!(" {} trade against each other", names.join(" and "));
+        let names = || group.iter().map(|j| fit.diagnostics.columns[*j].as_str());
+        let words: Vec<&str> = names().map(column_words).collect();
+        text += &format!(" {} trade against each other", words.join(" and "));
         let columns: Vec<&Column> =
-            names.iter().filter_map(|name| output.columns.iter().find(|c| c.name == *name)).collect();
+            names().filter_map(|name| output.columns.iter().find(|c| c.name == *name)).collect();
         text += &match manoeuvre(&columns) {
             Some(advice) => format!("; to separate them, {advice}."),
             None => "; fly a manoeuvre with more frequencies to part them.".to_owned(),

@@ -167,7 +167,7 @@ pub(crate) struct Simulate {
     /// Recorded inputs to fly in place of the scenario's manoeuvres
     #[arg(long, value_name = "FILE")]
     pub(crate) inputs: Option<PathBuf>,
-    /// Carry the aircraft about by hand for as long as the scenario, in place of flying
+    /// Carry the aircraft about by hand for as long as the scenario, in place of flying; there are no inputs then
     #[arg(long, conflicts_with = "inputs")]
     pub(crate) carried: bool,
     /// Print the paper's scenario as a file to start from
@@ -215,8 +215,8 @@ pub(crate) struct Identify {
     /// Poses or motion, from `track` or from any other system; of several flights of one aircraft each
     #[arg(value_name = "TABLE.csv", required_unless_present = "log")]
     pub(crate) tables: Vec<PathBuf>,
-    /// Recorded inputs: one file, or one for each table
-    #[arg(long, value_name = "FILES", value_delimiter = ',', required_unless_present = "log")]
+    /// Recorded inputs: one file, or one for each table; needed unless the model has none
+    #[arg(long, value_name = "FILES", value_delimiter = ',')]
     pub(crate) inputs: Vec<PathBuf>,
     /// The aircraft's own log in place of inputs; without a table its sensors alone are fitted, which --input names as inputs
     #[arg(long, value_name = "FILE", conflicts_with_all = ["inputs", "sensors"])]

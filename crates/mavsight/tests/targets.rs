@@ -256,3 +256,17 @@ fn what_does_not_fit_is_refused_with_what_would() {
     printed(folder.path(), &["--columns", "6", "--rows", "4"]);
     assert!(folder.path().join("charuco.pdf").exists() && !folder.path().join("chessboard.pdf").exists());
 }
+
+/// An example of the help was refused: its board does not fit its paper.
+#[test]
+fn the_examples_of_the_help_print() {
+    let help = mavsight().args(["targets", "--help"]).assert().success();
+    let help = String::from_utf8_lossy(&help.get_output().stdout).into_owned();
+    let examples: Vec<&str> =
+        help.lines().filter_map(|line| line.trim().strip_prefix("mavsight targets ")).collect();
+    assert_eq!(examples.len(), 2, "{help}");
+    for example in examples {
+        let folder = TempDir::new().unwrap();
+        mavsight().arg("targets").args(example.split(' ')).current_dir(&folder).assert().success();
+    }
+}

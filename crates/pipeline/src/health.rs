@@ -50,8 +50,13 @@ pub(crate) fn findings(health: &[CameraHealth], names: &[String]) -> Vec<Finding
             own.beside_decoys().filter_map(|k| names.get(k)).map(String::as_str).collect();
         if !beside.is_empty() {
             let (name, markers) = (&own.camera, beside.join(", "));
-            let note =
-                format!("{name}: {markers} is not the only object of its colour in view: cover the other.");
+            let note = if beside.len() == 1 {
+                format!("{name}: {markers} is not the only object of its colour in view: cover the other.")
+            } else {
+                format!(
+                    "{name}: {markers} are not the only objects of their colours in view: cover the others."
+                )
+            };
             out.push(Finding { causes: vec![], camera: Some(camera), note });
         }
         // A camera far out of focus sees no ball: then the room's edges show it.

@@ -2,8 +2,8 @@
 
 use crate::output_error::disagreements;
 use crate::parameters::{lead, words};
-use mavsight_identify::Estimator;
 use mavsight_identify::output_error::FILTER_ERROR;
+use mavsight_identify::{Estimator, column_words};
 use mavsight_session::RunResults;
 use serde::Serialize;
 
@@ -63,6 +63,7 @@ fn takes_in(first: &mut Advice, next: &Advice) -> bool {
     let is_alike = own == of_other && first.remedy == next.remedy;
     if is_alike {
         let name = name.strip_prefix("No ").filter(|_| names.starts_with("No ")).unwrap_or(name);
+        let name = name.strip_prefix("A ").map_or(name.to_owned(), |ball| format!("a {ball}"));
         first.what = format!("{names}, {name}: {own}");
     }
     is_alike
@@ -103,9 +104,12 @@ fn of_equations(results: &RunResults) -> Vec<Advice> {
             out.push(Advice { harm: Harm::Misleading, what, remedy });
             continue;
         }
-        let name = |name: &str| if name == "0" { "the constant".to_owned() } else { name.to_owned() };
-        let names: Vec<String> =
-            fit.parameters.iter().filter(|p| !p.identifiable).map(|p| name(&p.name)).collect();
+        let names: Vec<String> = fit
+            .parameters
+            .iter()
+            .filter(|p| !p.identifiable)
+            .map(|p| column_words(&p.name).to_owned())
+            .collect();
         match lacking.iter_mut().find(|(own, _, r)| *own == names && *r == remedy) {
             Some((_, outputs, _)) => outputs.push(&fit.output),
             None => lacking.push((names, vec![&fit.output], remedy)),

@@ -21,7 +21,7 @@ pub fn pooled_text(flights: &[String], parameters: &[PooledParameter]) -> String
         text += "  No parameter is determined by two of them.\n";
         return text;
     }
-    text += "  mean, standard deviation, 95 % interval, standard deviation between flights\n";
+    text += "  mean, standard deviation, 95 % interval, standard deviation between flights, flights\n";
     text + &aligned(&parameters.iter().map(cells).collect::<Vec<_>>())
 }
 

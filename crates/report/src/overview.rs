@@ -58,7 +58,7 @@ fn motion(results: &RunResults, summary: &Summary) -> Option<String> {
 fn parameters(results: &RunResults, summary: &Summary) -> Option<String> {
     let estimates = Estimates::of(results);
     let Some(first) = estimates.first() else {
-        return refusal(results, "No parameters");
+        return refusal(results, "No parameters").or_else(|| refusal(results, "No equation error"));
     };
     let (determined, all) = estimates.determined();
     let mut text = format!("The flight determines {determined} of {all} parameters ({})", words(first));

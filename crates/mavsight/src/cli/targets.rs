@@ -7,7 +7,7 @@ use std::path::PathBuf;
 /// `targets`
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  mavsight targets print\n  \
-mavsight targets print --paper a3 --columns 10 --rows 7 --dictionary DICT_5X5_100 --square 35\n\n\
+mavsight targets print --paper a3 --columns 10 --rows 7 --dictionary DICT_5X5_100 --square 32\n\n\
 Writes charuco, chessboard, wand, colors and control-frame, each as .pdf and .svg, and distances.csv, a form that\n\
 `mavsight new --distances` reads once its numbers are filled in. Print at 100 %, without fitting to the page, and\n\
 measure the line of 100 mm. Fix boards to something flat.")]

@@ -135,10 +135,15 @@ struct Set<'a> {
     staging: Staging,
 }
 
+/// File of the recorded inputs, beside a flight.
+const INPUTS: &str = "inputs.csv";
+
 pub(crate) fn film(args: &Film) -> Result<()> {
     let vehicle = named(load_vehicle(&args.flight.join("vehicle.toml")))?;
     let truth = named(read_truth(&args.flight.join("truth.csv"), &vehicle))?;
-    named(read_inputs(&args.flight.join("inputs.csv"), &vehicle))?;
+    // What is carried about has none.
+    let inputs = Some(args.flight.join(INPUTS)).filter(|path| path.is_file());
+    inputs.as_deref().map(|path| named(read_inputs(path, &vehicle))).transpose()?;
     let interval_s = match truth.as_slice() {
         [a, b, ..] => b.t_s - a.t_s,
         _ => 1.0 / Scenario::paper().frame_rate_hz,
@@ -172,7 +177,7 @@ pub(crate) fn film(args: &Film) -> Result<()> {
     write_control_points(&args.out.join("control_points.csv"), &control)?;
     if args.flight.canonicalize().ok() != args.out.canonicalize().ok() {
         write_vehicle(&args.out.join("vehicle.toml"), &vehicle)?;
-        for name in ["inputs.csv", "truth.csv"] {
+        for name in inputs.iter().map(|_| INPUTS).chain(["truth.csv"]) {
             let content = std::fs::read(args.flight.join(name)).context(name)?;
             write_whole(&args.out.join(name), &content)?;
         }
@@ -181,7 +186,7 @@ pub(crate) fn film(args: &Film) -> Result<()> {
         schema: SESSION_SCHEMA,
         name: "virtual-flight".to_owned(),
         vehicle: "vehicle.toml".into(),
-        inputs: "inputs.csv".into(),
+        inputs: inputs.map(|_| INPUTS.into()).unwrap_or_default(),
         truth: Some("truth.csv".into()),
         control: Some(ControlSection { points: "control_points.csv".into(), observations: None }),
         camera: cameras,

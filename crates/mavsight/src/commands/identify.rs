@@ -42,13 +42,13 @@ pub(crate) fn identify(args: &Identify) -> Result<()> {
         if let Some(log) = &log {
             return identify_one(flight.table, session, &log.flight(&vehicle, &options), out, &bars);
         }
-        let inputs = named(read_inputs(&flight.inputs, &vehicle))?;
+        let inputs = flight.inputs.as_deref().map(|path| named(read_inputs(path, &vehicle))).transpose()?;
         let sensors =
             flight.sensors.as_deref().map(|path| named(read_sensors(path, &vehicle.model))).transpose()?;
         let of = Flight {
             name: &vehicle.name,
             vehicle: &vehicle,
-            inputs: Some(&inputs),
+            inputs: inputs.as_ref(),
             sensors: sensors.as_ref(),
             gyroscope: None,
             log_sensors: None,
@@ -159,7 +159,7 @@ fn identify_log(args: &Identify, log: &RecordedLog, flight: &Flight<'_>) -> Resu
 struct Recorded {
     name: String,
     table: FlightTable,
-    inputs: PathBuf,
+    inputs: Option<PathBuf>,
     sensors: Option<PathBuf>,
 }
 
@@ -167,6 +167,11 @@ fn recorded_flights(args: &Identify, vehicle: &Vehicle) -> Result<Vec<Recorded>>
     let marker_names: Vec<String> = vehicle.marker.iter().map(|m| m.name.clone()).collect();
     let (inputs, sensors) =
         (for_each(args, "--inputs", &args.inputs)?, for_each(args, "--sensors", &args.sensors)?);
+    if args.log.is_none() && args.inputs.is_empty() && !vehicle.model.inputs.is_empty() {
+        let names: Vec<&str> = vehicle.model.inputs.iter().map(|input| input.name.as_str()).collect();
+        let (model, names) = (&vehicle.model.name, names.join(", "));
+        return Err(WrongCall(format!("--inputs: give the table of the inputs of {model}: {names}")).into());
+    }
     let only_output_error =
         !args.estimator.is_empty() && args.estimator.iter().all(|name| name == OUTPUT_ERROR);
     let mut flights = Vec::new();
@@ -177,7 +182,7 @@ fn recorded_flights(args: &Identify, vehicle: &Vehicle) -> Result<Vec<Recorded>>
                 "--estimator oe: output error fits poses, and this is a table of motion; give it pose.csv";
             return Err(WrongCall(what.into()).into());
         }
-        let (inputs, sensors) = (inputs.get(k).cloned().unwrap_or_default(), sensors.get(k).cloned());
+        let (inputs, sensors) = (inputs.get(k).cloned(), sensors.get(k).cloned());
         let name = path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
         let Some(parts) = args.parts else {
             flights.push(Recorded { name, table, inputs, sensors });

@@ -56,7 +56,9 @@ pub(crate) fn simulate(args: &Simulate) -> Result<()> {
         write_sensors(&out.join("sensors.csv"), &sensors)?;
     }
     write_vehicle(&out.join("vehicle.toml"), &vehicle)?;
-    write_inputs(&out.join("inputs.csv"), &inputs)?;
+    if !args.carried {
+        write_inputs(&out.join("inputs.csv"), &inputs)?;
+    }
     write_truth(&out.join("truth.csv"), &states, &vehicle)?;
     if !scenario.staging.is_empty() {
         write_toml(&out.join(STAGING), &scenario.staging)?;

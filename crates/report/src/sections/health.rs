@@ -47,7 +47,7 @@ fn advice(camera: &CameraHealth, markers: &[String]) -> Vec<String> {
     let name = &camera.camera;
     let of = |wrong: fn(&MarkerHealth) -> bool| {
         let named = markers.iter().zip(&camera.markers).filter(|(_, m)| wrong(m));
-        named.map(|(name, _)| name.as_str()).collect::<Vec<_>>().join(", ")
+        named.map(|(name, _)| name.as_str()).collect::<Vec<_>>()
     };
     let near_hue = of(|m| m.seen > 0.0 && m.ball.hue_apart_deg < NEAR_HUE_DEG);
     let small = of(|m| m.ball.diameter_px > 0.0 && m.ball.diameter_px < SMALL_PX);
@@ -62,7 +62,10 @@ fn advice(camera: &CameraHealth, markers: &[String]) -> Vec<String> {
     ]
     .into_iter()
     .filter(|(named, _)| !named.is_empty())
-    .map(|(named, what)| format!("{name}: {named} is {what}."))
+    .map(|(named, what)| {
+        let is = if named.len() == 1 { "is" } else { "are" };
+        format!("{name}: {} {is} {what}.", named.join(", "))
+    })
     .collect()
 }
 

@@ -53,9 +53,10 @@ fn session(folder: &Path, answers: &Answers) -> Result<String> {
     writeln!(out, "vehicle = \"vehicle.toml\"")?;
     match &answers.inputs {
         Some(path) => writeln!(out, "inputs = {}", seen_from(folder, path))?,
-        None => {
-            writeln!(out, "# inputs = \"inputs.csv\"           # without it no parameters are estimated")?
-        }
+        None => writeln!(
+            out,
+            "# inputs = \"inputs.csv\"           # without it no parameters, but of a model without inputs"
+        )?,
     }
     writeln!(out, "\n[control]\npoints = \"control_points.csv\"")?;
     for camera in &answers.cameras {
