@@ -129,7 +129,9 @@ fn identify_beside_log(
     let fits_motion = flight.options.motion_fits != MotionFits::NONE && !results.poses.is_empty();
     match solved {
         Ok(solution) => {
-            results.notes.extend(solution.clocks.words());
+            if !recorded.names().is_empty() {
+                results.notes.extend(solution.clocks.words());
+            }
             inputs = solution.inputs;
             results.coefficients = Some(solution.coefficients);
             results.identification = Some(solution.identification);

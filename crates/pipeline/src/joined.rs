@@ -41,7 +41,7 @@ pub(crate) struct JoinedBalls {
 }
 
 /// Joins the frames that are nearest in time, to within half of the slowest camera's interval. Balls that a neighbouring
-/// frame does not show are left out, as nothing tells their velocity.
+/// frame does not show are left out, as their velocity is not known.
 pub(crate) fn joined_balls(seen: &[Seen], marker_of: &[Option<usize>]) -> JoinedBalls {
     let times_ns = |frames: &Seen| -> Vec<i64> { frames.iter().map(|f| f.0).collect() };
     let first_ns = seen.iter().find(|s| !s.is_empty()).map_or_else(Vec::new, times_ns);
