@@ -182,3 +182,16 @@ fn a_run_says_what_its_centres_are_worth_to_a_plan() {
         (1e-3..0.3).contains(&figure("control_std_px")) && (0.0..0.3).contains(&figure("centre_bias_px"))
     );
 }
+
+/// Parameters were fitted to inputs that had moved nothing.
+#[test]
+fn what_is_carried_has_no_inputs_nor_those_of_an_earlier_flight() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name);
+    for (carried, has_inputs) in [(false, true), (true, false)] {
+        let mut simulate = mavsight();
+        simulate.args(["simulate", "--out"]).arg(path("flight")).args(carried.then_some("--carried"));
+        simulate.assert().success();
+        assert_eq!(path("flight/inputs.csv").exists(), has_inputs);
+    }
+}

@@ -136,7 +136,7 @@ struct Set<'a> {
 }
 
 /// File of the recorded inputs, beside a flight.
-const INPUTS: &str = "inputs.csv";
+pub(super) const INPUTS: &str = "inputs.csv";
 
 pub(crate) fn film(args: &Film) -> Result<()> {
     let vehicle = named(load_vehicle(&args.flight.join("vehicle.toml")))?;

@@ -1,7 +1,7 @@
 //! Each stage by itself, on the files of the stage before it.
 
 use super::demo::{scenario_of, vehicle_of};
-use super::film::STAGING;
+use super::film::{INPUTS, STAGING};
 use super::run::{print_summary, remove_absent, scores_of};
 use super::{named, require_folder};
 use crate::cli::{Simulate, Stage, WrongCall};
@@ -57,8 +57,10 @@ pub(crate) fn simulate(args: &Simulate) -> Result<()> {
     }
     write_vehicle(&out.join("vehicle.toml"), &vehicle)?;
     if !args.carried {
-        write_inputs(&out.join("inputs.csv"), &inputs)?;
+        write_inputs(&out.join(INPUTS), &inputs)?;
     }
+    // Those of an earlier flight are not of this one.
+    remove_absent(out, &[(INPUTS, !args.carried)])?;
     write_truth(&out.join("truth.csv"), &states, &vehicle)?;
     if !scenario.staging.is_empty() {
         write_toml(&out.join(STAGING), &scenario.staging)?;
