@@ -323,4 +323,12 @@ mod tests {
         let row: Vec<&str> = row.trim_end().split(',').collect();
         assert_eq!((cell(&row, "first"), cell(&row, "beyond")), ("camera frozen", "0"), "{row:?}");
     }
+    /// Flight 1187: cameras share 50 instants near hover. Of three ends of the clocks' search the best by 1.5 % was 19 ms off,
+    /// and was gone by.
+    #[test]
+    fn clocks_by_the_best_of_ends_that_hardly_differ_are_not_gone_by() {
+        let row = FaultCampaign::new(1, 2000, None).rows(1187..1188);
+        let row: Vec<&str> = row.trim_end().split(',').collect();
+        assert_eq!((cell(&row, "first"), cell(&row, "beyond")), ("camera dead", "0"), "{row:?}");
+    }
 }

@@ -41,6 +41,8 @@ struct Found {
     sums: Sums,
     /// Of the unknowns, corrected for noise in the velocities; infinite where they are not determined.
     std: Vec<f64>,
+    /// Whether the search came to an end.
+    is_end: bool,
 }
 
 pub(super) fn solve(problem: &mut Problem<'_>, out: &mut [ClockEstimate]) {
@@ -145,7 +147,7 @@ fn coarse(problem: &mut Problem<'_>, clocks: &mut [CameraClock], camera: usize) 
 }
 
 /// The best end of the search from some clocks, from the given ones, and from beside the first end. Where another end is hardly
-/// worse and not the same, the flight does not say which is right: the standard deviations reach to it.
+/// worse, the flight does not say which is right: the standard deviations reach to it.
 ///
 /// Noise beyond what the observations claim makes ends where there are none: it passes for speed in the image, so that steps are
 /// too short, and a centre between frames has that of its neighbours too, so that whole intervals seem to fit.
@@ -171,15 +173,16 @@ fn best_end(problem: &mut Problem<'_>, clocks: Vec<CameraClock>, unknowns: &[Unk
     ends.sort_by(|a, b| a.misfit.total_cmp(&b.misfit));
     let mut ends = ends.into_iter();
     let mut best = ends.next()?;
-    for other in ends.take_while(|other| other.misfit < MUCH_WORSE * best.misfit) {
+    let mut std = best.found.std.clone();
+    let is_rival = |other: &End| other.found.is_end && other.misfit < MUCH_WORSE * best.misfit;
+    for other in ends.filter(is_rival) {
         for (u, (camera, part)) in unknowns.iter().enumerate() {
             let [mut own, mut rival] = [&best, &other].map(|end| end.found.clocks[*camera]);
-            let apart = (*rival.parts()[*part] - *own.parts()[*part]).abs();
-            if apart > SIGNIFICANT * best.found.std[u].hypot(other.found.std[u]) {
-                best.found.std[u] = best.found.std[u].hypot(apart);
-            }
+            let apart = *rival.parts()[*part] - *own.parts()[*part];
+            std[u] = std[u].max(best.found.std[u].hypot(apart));
         }
     }
+    best.found.std = std;
     (problem.poses, problem.systematic_px, problem.scale) = (best.poses, best.systematic_px, best.scale);
     Some(best.found)
 }
@@ -227,7 +230,7 @@ fn descend(problem: &mut Problem<'_>, mut clocks: Vec<CameraClock>, unknowns: &[
         if k == MOST_STEPS {
             // Still under way: where it will end is not known better than by the way that it still goes.
             std.iter_mut().zip(last.iter()).for_each(|(std, step)| *std = std.hypot(*step));
-            return Some(Found { clocks, sums, std });
+            return Some(Found { clocks, sums, std, is_end: false });
         }
         let step = -(&inverse * &sums.gradient);
         let mut largest: f64 = 0.0;
@@ -240,7 +243,7 @@ fn descend(problem: &mut Problem<'_>, mut clocks: Vec<CameraClock>, unknowns: &[
         problem.systematic_px += step.rows_range(unknowns.len()..);
         last = step.rows(0, unknowns.len()).into_owned();
         if largest < CONVERGED_STD {
-            return Some(Found { clocks, sums, std });
+            return Some(Found { clocks, sums, std, is_end: true });
         }
     }
     None
