@@ -2,12 +2,14 @@
 
 use crate::input_range::beyond_range;
 use crate::log_clock::{LogBesidePoses, sensors_of_log};
-use crate::parts::{held_long, longest_without_gap, part_covered, part_without_gap, with_part};
+use crate::parts::{
+    begun_in_flight, held_long, longest_without_gap, moves_before, part_covered, part_without_gap, with_part,
+};
 use crate::weight::wrong_weight;
 use crate::{EngineError, Flight};
 use mavsight_flight::{FlightError, InputSeries, Vehicle};
 use mavsight_identify::output_error::{FlightFitOptions, FlightFits, Images, InputClock, MotionFits};
-use mavsight_identify::{IdentifyError, RegressionError};
+use mavsight_identify::{Clocks, IdentifyError, RegressionError};
 use mavsight_pipeline::{
     MARKERS_STD_M, PipelineError, Progress, Solution, Stage, body_markers, identify_motion, motion_from_poses,
 };
@@ -119,11 +121,18 @@ fn identify_beside_log(
         Some(Some(inputs)) => inputs,
         None => recorded,
     };
+    // Within the margin, the ends of the inputs are held.
+    let far_s = flight.options.lag_s.filter(|lag_s| lag_s.abs() > flight.options.table.margin_s);
+    let by_lag = far_s.map(|lag_s| recorded.at_times(|t_s| t_s + lag_s)).transpose()?;
+    let recorded = by_lag.as_ref().unwrap_or(recorded);
     let mut found = beyond_range(recorded, &flight.vehicle.model);
     found.extend(wrong_weight(&motion, recorded, flight.vehicle));
     results.notes.extend(found.iter().map(|finding| finding.note.clone()));
     results.findings.extend(found);
-    let solved = equation_error(&mut motion, recorded, flight, &mut results.notes, progress);
+    let mut options = flight.options.clone();
+    options.lag_s = far_s.map(|_| 0.0).or(options.lag_s);
+    let unmoved = Flight { options, ..flight.clone() };
+    let solved = equation_error(&mut motion, recorded, &unmoved, &mut results.notes, progress);
     results.motion = log.motion.or(Some(motion));
     let mut inputs = None;
     let fits_motion = flight.options.motion_fits != MotionFits::NONE && !results.poses.is_empty();
@@ -135,7 +144,7 @@ fn identify_beside_log(
             inputs = solution.inputs;
             results.coefficients = Some(solution.coefficients);
             results.identification = Some(solution.identification);
-            results.clocks = Some(solution.clocks);
+            results.clocks = Some(far_s.map_or(solution.clocks, Clocks::Known));
         }
         Err(PipelineError::Identify(IdentifyError::Flight(wrong))) => return Err(wrong.into()),
         Err(PipelineError::Identify(wrong)) if is_of_the_settings(&wrong) => {
@@ -207,6 +216,7 @@ fn equation_error(
         notes.push(part_covered(recorded, motion));
     }
     notes.extend(held_long(recorded));
+    notes.extend(begun_in_flight(recorded, &motion.samples[covered.clone()], flight.vehicle));
     let identify =
         |part: &mut Motion| identify_motion(part, recorded, flight.vehicle, &flight.options, progress);
     with_part(motion, covered, |covered| match identify(covered) {
@@ -254,8 +264,9 @@ fn output_error(
         search: flight.options.search,
         sensors: flight.sensors,
         anew_ns: &anew_ns,
-        // Poses before the first inputs are not fitted.
-        begins_in_flight: inputs.covered_range(&results.poses, |p| p.t_ns).start > 0,
+        // Poses before the first inputs are not fitted; inputs that moved before the first pose have moved the aircraft.
+        begins_in_flight: inputs.covered_range(&results.poses, |p| p.t_ns).start > 0
+            || poses.first().is_some_and(|p| moves_before(inputs, p.t_ns)),
         at_most: flight.options.at_most,
     };
     let fits = FlightFits::of_flight(flight.vehicle, inputs, &poses, images, &options);

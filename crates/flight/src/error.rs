@@ -209,7 +209,7 @@ pub enum FlightError {
     },
     /// Inputs that end before the flight does.
     #[error(
-        "the inputs cover {start_s:.3} to {end_s:.3} s, but the flight needs {t_s:.3} s: record the inputs over the whole flight"
+        "the inputs cover {start_s:.3} to {end_s:.3} s, but the flight needs {t_s:.3} s: record the inputs over the whole flight, or give --lag where their clock is another"
     )]
     InputsDoNotCover {
         /// Time asked for.

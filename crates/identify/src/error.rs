@@ -199,7 +199,7 @@ pub enum IdentifyError {
     #[error("{0} instants have a pose, but at least 4 are needed to start: measure more of the flight")]
     NoStart(usize),
     /// A trajectory that is not finite in a segment, by the segment's first time.
-    #[error("the trajectory from {0:.3} s on diverges: start from other values, or shorten the segments")]
+    #[error("the trajectory from {0:.3} s on diverges: start from other values")]
     RanAway(f64),
     /// Nothing to be estimated.
     #[error("no parameter is free: name at least one")]
@@ -214,7 +214,7 @@ pub enum IdentifyError {
     },
     /// The iteration stopped early.
     #[error(
-        "the fit has not converged after {iterations} iterations{} (the next step would lower the weighted squares of {squares:.4e} by {promise:.1e}{}): fix parameters or give them a prior_std, start from other values, or shorten the segments. Its best values so far, which no interval covers: {}", too_long(*.too_long_s), loose(.at_bounds, .moving), values(.so_far)
+        "the fit has not converged after {iterations} iterations{} (the next step would lower the weighted squares of {squares:.4e} by {promise:.1e}{}): {}fix parameters or give them a prior_std, or start from other values. Its best values so far, which no interval covers: {}", too_long(*.too_long_s), loose(.at_bounds, .moving), more_time(*.too_long_s), values(.so_far)
     )]
     FitNotConverged {
         /// Iterations.
@@ -246,7 +246,11 @@ fn to_determine(names: &[String]) -> &'static str {
 }
 
 fn too_long(seconds: Option<f64>) -> String {
-    seconds.map_or_else(String::new, |s| format!(" and the {s:.0} s that it was given"))
+    seconds.map_or_else(String::new, |s| format!(" and the {s} s that it was given"))
+}
+
+fn more_time(seconds: Option<f64>) -> &'static str {
+    if seconds.is_some() { "give it more time, " } else { "" }
 }
 
 fn values(of: &[(String, f64)]) -> String {

@@ -262,6 +262,11 @@ fn inputs_that_end_early_give_the_part_that_they_cover() {
     std::fs::write(&inputs, shifted.join("\n")).expect("written");
     let said = message(identify(&table, &inputs).arg("--model").arg(&model), 1);
     assert!(said.contains("100.000") && said.contains("record the inputs over the whole flight"), "{said}");
+    // Their lag was "must be shorter than the inputs' record", and what they cover was judged without it.
+    let known =
+        identify(&table, &inputs).arg("--model").arg(&model).args(["--lag", "-100"]).output().expect("ran");
+    let said = String::from_utf8_lossy(&known.stdout);
+    assert!(known.status.success() && !said.contains("The inputs cover"), "{said}");
 }
 
 /// A thrown body has no inputs, and needed a table of them all the same.

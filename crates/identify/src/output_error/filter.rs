@@ -126,8 +126,12 @@ impl Fitter<'_> {
         tightness: f64,
         noise: NoiseModel,
     ) -> Result<f64, IdentifyError> {
-        let information = innovations(&self.at, tightness).information();
-        let first = inverse(&information).ok_or(IdentifyError::RankZero)?;
+        let linear = innovations(&self.at, tightness);
+        let Some(first) = inverse(&linear.information()) else {
+            // Where a parameter makes it singular, that is named.
+            refuse_undetermined(self, &linear)?;
+            return Err(IdentifyError::RankZero);
+        };
         let smoothed = self.condensed(tightness, 0.0)?.smoothed(&self.at, first);
         let mut change = self.match_process(search, &smoothed);
         if noise == NoiseModel::Scaled {

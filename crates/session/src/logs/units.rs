@@ -32,7 +32,10 @@ pub(crate) fn in_si(text: &str) -> Option<(f64, Unit)> {
 
 /// The unit with which a column's name ends, as this program's own do.
 pub(crate) fn of_name(name: &str) -> Option<&'static str> {
-    const ENDINGS: [(&str, &str); 9] = [
+    const ENDINGS: [(&str, &str); 12] = [
+        ("_deg_s", "deg/s"),
+        ("_rad_s2", "rad/s2"),
+        ("_mm", "mm"),
         ("_rad_s", "rad/s"),
         ("_m_s2", "m/s2"),
         ("_m_s", "m/s"),
@@ -44,4 +47,21 @@ pub(crate) fn of_name(name: &str) -> Option<&'static str> {
         ("_n", "N"),
     ];
     ENDINGS.iter().find(|(ending, _)| name.ends_with(ending)).map(|(_, unit)| *unit)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Degrees a second were none of a column's units: rad/s went into `q_deg_s` as they were.
+    #[test]
+    fn a_columns_last_unit_counts() {
+        for (name, unit) in
+            [("q_deg_s", "deg/s"), ("q_rad_s", "rad/s"), ("a_rad_s2", "rad/s2"), ("h_mm", "mm"), ("h_m", "m")]
+        {
+            assert_eq!(of_name(name), Some(unit), "{name}");
+            assert!(in_si(unit).is_some(), "{unit}");
+        }
+        assert_eq!(of_name("commands"), None);
+    }
 }

@@ -118,7 +118,8 @@ impl<const N: usize> Series<N> {
         for row in table.rows()? {
             let t_ns = row.time_ns(self.t)?;
             if rows.last().is_some_and(|before| before.t_ns >= t_ns) {
-                let detail = "the time does not come after that of the row before: sort the rows";
+                let detail =
+                    "the time does not come after that of the row before: sort the rows and remove repeats";
                 return Err(row.refuse(self.t, detail));
             }
             let is_empty = self.values.iter().all(|column| row.text(*column).is_empty());

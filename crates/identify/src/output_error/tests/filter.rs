@@ -1,12 +1,13 @@
 //! Filter error against dense algebra, and on flights through air that is not at rest.
 
+use crate::IdentifyError;
 use crate::inverse::inverse;
 use crate::output_error::filter::VELOCITY;
 use crate::output_error::fitter::{Fitter, Recorded};
 use crate::output_error::innovations::innovations;
 use crate::output_error::{
     FlightFitOptions, FlightFits, FlightModel, InputClock, Measurements, OutputErrorFit, OutputErrorOptions,
-    filter_error, output_error, predict_ahead,
+    StateMeasurement, filter_error, output_error, predict_ahead,
 };
 use mavsight_flight::{InputSeries, Vehicle, VehicleFile};
 use mavsight_random::Random;
@@ -81,7 +82,7 @@ type Estimate = fn(
     &InputSeries,
     &Measurements,
     &OutputErrorOptions,
-) -> Result<OutputErrorFit, crate::IdentifyError>;
+) -> Result<OutputErrorFit, IdentifyError>;
 
 fn holds(fit: &OutputErrorFit) -> usize {
     let inside = |(name, truth): &&(&str, f64)| {
@@ -223,6 +224,31 @@ fn a_term_that_the_residuals_ask_for_is_named() {
     assert!(lacking.contains("The residuals ask for drag, drag of the box (chi-square"), "{lacking}");
     let whole = notes(&pushed());
     assert!(!whole.contains("ask for") && !whole.contains("Do not use"), "{whole}");
+}
+
+/// The lag of inputs that stand still was "rank zero: fly a manoeuvre", and there was no filter error without it either: neither of
+/// a thrown body, which has no inputs.
+#[test]
+fn inputs_that_stand_still_have_no_lag_and_filter_error_does_without() {
+    let vehicle = vehicle(
+        &PUSHED
+            .replace("gain = { unit = \"1\", value = 1, free = true }", "gain = { unit = \"1\", value = 1 }"),
+    );
+    let times_s: Vec<f64> = (0..500).map(|k| STEP_S * f64::from(k)).collect();
+    let names: Vec<String> = vehicle.input_columns().iter().map(|n| (*n).to_owned()).collect();
+    let rows = times_s.iter().flat_map(|_| [1.0, 0.0, 0.0, 0.0]).collect();
+    let inputs = InputSeries::new(names, times_s, rows).expect("inputs");
+    let frames_s: Vec<f64> = (0..240).map(|k| f64::from(k) / 30.0).collect();
+    let states = simulate(&vehicle, &inputs, &InitialState::default(), &frames_s).expect("a flight");
+    let poses = super::image::samples(&states, &mut Random::new(3, 0));
+    let measured = Measurements::States(StateMeasurement::of_poses(poses.iter()));
+    let model = FlightModel::new(&vehicle, &inputs).expect("a model").with_free_lag();
+    let refused = filter_error(&model, &inputs, &measured, &OutputErrorOptions::default());
+    let Err(IdentifyError::NotDetermined { names, .. }) = refused else { panic!("{refused:?}") };
+    assert_eq!(names, ["input_lag_s"]);
+    let fits = FlightFits::of_flight(&vehicle, &inputs, &poses, None, &FlightFitOptions::default());
+    let filter = fits.expect("fits").filter.expect("filter error");
+    assert!(filter.parameter("drag").is_some(), "{filter:?}");
 }
 
 /// A fit of the paper's helicopter over half a second, with process noise along every axis.
