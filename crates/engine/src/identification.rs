@@ -123,7 +123,7 @@ fn identify_beside_log(
     };
     // Within the margin, the ends of the inputs are held.
     let far_s = flight.options.lag_s.filter(|lag_s| lag_s.abs() > flight.options.table.margin_s);
-    let by_lag = far_s.map(|lag_s| recorded.at_times(|t_s| t_s + lag_s)).transpose()?;
+    let by_lag = far_s.map(|lag_s| moved_by(lag_s, recorded, &motion)).transpose()?;
     let recorded = by_lag.as_ref().unwrap_or(recorded);
     let mut found = beyond_range(recorded, &flight.vehicle.model);
     found.extend(wrong_weight(&motion, recorded, flight.vehicle));
@@ -158,20 +158,40 @@ fn identify_beside_log(
         }
     }
     if fits_motion {
-        progress.begin(Stage::Identify, None);
-        let of_log = sensors_of_log(results.log.as_ref(), flight, &mut results.notes)?;
-        let flight = &Flight { sensors: of_log.as_ref().or(flight.sensors), ..flight.clone() };
-        results.output_error = output_error(results, flight, inputs.as_ref().unwrap_or(recorded))?;
-        results.notes.extend(results.output_error.refusals.iter().cloned());
-        results.notes.extend(unused_outputs(flight));
-        results.notes.extend(results.output_error.stretch_s.map(|(from_s, to_s)| {
-            format!(
-                "Output error fits the flight from {from_s:.1} s to {to_s:.1} s, where it turns most: of a longer flight a \
-                 minute is fitted."
-            )
-        }));
+        fit_motion(results, flight, inputs.as_ref().unwrap_or(recorded), progress)?;
     }
     Ok(())
+}
+
+/// Output error and filter error, into the results.
+fn fit_motion(
+    results: &mut RunResults,
+    flight: &Flight<'_>,
+    inputs: &InputSeries,
+    progress: &dyn Progress,
+) -> Result<(), EngineError> {
+    progress.begin(Stage::Identify, None);
+    let of_log = sensors_of_log(results.log.as_ref(), flight, &mut results.notes)?;
+    let flight = &Flight { sensors: of_log.as_ref().or(flight.sensors), ..flight.clone() };
+    results.output_error = output_error(results, flight, inputs)?;
+    results.notes.extend(results.output_error.refusals.iter().cloned());
+    results.notes.extend(unused_outputs(flight));
+    results.notes.extend(results.output_error.stretch_s.map(|(from_s, to_s)| {
+        format!(
+            "Output error fits the flight from {from_s:.1} s to {to_s:.1} s, where it turns most: of a longer flight a \
+             minute is fitted."
+        )
+    }));
+    Ok(())
+}
+
+/// Inputs whose times a lag is added to, as far as it leaves some of them within the flight.
+fn moved_by(lag_s: f64, inputs: &InputSeries, motion: &Motion) -> Result<InputSeries, EngineError> {
+    let moved = inputs.at_times(|t_s| t_s + lag_s).ok();
+    let covers = |inputs: &InputSeries| !inputs.covered_range(&motion.samples, |s| s.t_ns).is_empty();
+    let must = "be such that some of the inputs are of the flight";
+    let wrong = IdentifyError::BadSetting { what: "the lag", value: lag_s, must };
+    moved.filter(covers).ok_or(EngineError::Setting(wrong))
 }
 
 /// That the model describes sensors of which there are no samples.
@@ -216,17 +236,21 @@ fn equation_error(
         notes.push(part_covered(recorded, motion));
     }
     notes.extend(held_long(recorded));
-    notes.extend(begun_in_flight(recorded, &motion.samples[covered.clone()], flight.vehicle));
+    let begun = begun_in_flight(recorded, &motion.samples[covered.clone()], flight.vehicle);
     let identify =
         |part: &mut Motion| identify_motion(part, recorded, flight.vehicle, &flight.options, progress);
-    with_part(motion, covered, |covered| match identify(covered) {
+    let solved = with_part(motion, covered, |covered| match identify(covered) {
         Err(PipelineError::Identify(IdentifyError::GapInMotion { .. })) => {
             let longest = longest_without_gap(covered);
             notes.push(part_without_gap(&covered.samples[longest.clone()]));
             with_part(covered, longest, identify)
         }
         solved => solved,
-    })
+    })?;
+    if !solved.identification.fits.is_empty() {
+        notes.extend(begun);
+    }
+    Ok(solved)
 }
 
 /// Output error from the poses, and from the images where there are any, with the body as refined. What the smoother
