@@ -56,8 +56,9 @@ pub(crate) fn wrong_weight(motion: &Motion, inputs: &InputSeries, vehicle: &Vehi
         Finding::of(Cause::Mass, None, note)
     } else {
         let note = format!(
-            "{found}: mass_kg, the moments of inertia, the air's density, the model's thrust or the unit of its inputs (rev/min \
-             for rad/s makes 91 times of a rotor) are wrong by about that factor; the flight does not show which."
+            "{found}: mass_kg, the moments of inertia, the air's density, the model's thrust, the unit of its inputs (rev/min \
+             for rad/s makes 91 times of a rotor) or that of the poses' positions is wrong by about that factor; the flight does not \
+             show which."
         );
         Finding { causes: vec![], camera: None, note }
     })

@@ -173,6 +173,10 @@ fn wrong_calls_are_named() {
     alone.args(["identify", "--log", "flight.ulg", "--search", "--vehicle"]).arg(example("vehicle.toml"));
     let said = message(&mut alone, 2);
     assert!(said.contains("--search") && said.contains("pose.csv"), "{said}");
+    let mut alone = Command::new(env!("CARGO_BIN_EXE_mavsight"));
+    alone.args(["identify", "--log", "flight.ulg", "--stepwise", "--vehicle"]).arg(example("vehicle.toml"));
+    let said = message(&mut alone, 2);
+    assert!(said.contains("--stepwise") && said.contains("pose.csv"), "{said}");
     let said = message(identify(&table, &inputs).args(["--band", "0.5..3"]), 2);
     assert!(said.contains("add --estimator fd"), "{said}");
     let said = message(identify(&table, &inputs).args(["--preset", "px4-motors"]), 2);

@@ -27,8 +27,7 @@ impl Adequacy {
     /// Whether the flight shows that the model lacks something: a test at the level of 1 % fails, of the contradiction, of
     /// the model's candidates, or of terms that follow a signal.
     pub fn lacks_something(&self) -> bool {
-        let asks = self.asked_for.as_ref().is_some_and(|asked| asked.as_ref().is_ok_and(|a| !a.is_empty()));
-        self.contradiction.is_some() || asks
+        self.contradiction.is_some() || is_asked(self.asked_for.as_ref())
     }
 
     /// Inputs that act late, where the residuals ask for that most of all: the term that filter error, whose process noise
@@ -58,18 +57,25 @@ impl Adequacy {
     }
 }
 
+/// Whether the residuals ask for a term.
+fn is_asked(asked_for: Option<&Result<AskedFor, IdentifyError>>) -> bool {
+    asked_for.is_some_and(|asked| asked.as_ref().is_ok_and(|asked| !asked.is_empty()))
+}
+
 impl FlightFits {
     /// Looks for what speaks against the model, and says so in the notes of output error.
     ///
     /// Where filter error contradicts output error, one of them is wrong: output error has taken what the model lacks for its
     /// parameters, or filter error has taken errors of the measurements that last for forces. None is determined of the one
-    /// that explains the flight worse. Where the residuals ask most for inputs that act late, none of filter error is either.
+    /// that explains the flight worse, and of neither where that is filter error though the residuals ask for terms that the
+    /// model lacks. Where the residuals ask most for inputs that act late, none of filter error is either.
     pub(super) fn doubt(&mut self, asked_for: Option<Result<AskedFor, IdentifyError>>) {
         let pair = (OUTPUT_ERROR.to_owned(), FILTER_ERROR.to_owned());
         let all = self.comparisons(None);
         let apart = all.into_iter().find(|c| c.between == pair && c.test.p_value < LEVEL);
         let worse_by = apart.as_ref().and_then(|_| self.filter_is_worse_by());
-        let contradiction = apart.filter(|_| worse_by.is_none()).map(|c| c.test);
+        let asks = is_asked(asked_for.as_ref());
+        let contradiction = apart.filter(|_| worse_by.is_none() || asks).map(|c| c.test);
         self.adequacy = Adequacy { contradiction, refuted: worse_by, asked_for };
         let words = self.adequacy.words();
         let is_contradicted = self.adequacy.contradiction.is_some();

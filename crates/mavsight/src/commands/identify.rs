@@ -295,6 +295,11 @@ fn options(args: &Identify, vehicle: &Vehicle) -> Result<IdentifyOptions> {
                     leave --search out";
         return Err(WrongCall(what.into()).into());
     }
+    if args.tables.is_empty() && args.stepwise {
+        let what = "--stepwise: a log alone is fitted without regression: name the flight's pose.csv beside --log, or leave --stepwise \
+                    out";
+        return Err(WrongCall(what.into()).into());
+    }
     let Identify { lag: lag_s, stepwise, search, at_most, .. } = *args;
     Ok(IdentifyOptions { table, fit, lag_s, stepwise, search, motion_fits, at_most })
 }
