@@ -180,14 +180,6 @@ impl fmt::Display for ClockEstimate {
                 }
                 Ok(())
             }
-            ClockVerdict::TooSlow { speed_px_s, needed_px_s, .. }
-                if speed_px_s <= 0.0 && needed_px_s.is_finite() =>
-            {
-                write!(
-                    f,
-                    "taken as given: what the cameras see shows no motion of one aircraft, so that no offset of at most a second is found: give time_offset_s, or a flash or clap that both recordings have"
-                )
-            }
             ClockVerdict::TooSlow { speed_px_s, needed_px_s, needed_m_s } => {
                 let remedy = if needed_px_s <= speed_px_s {
                     "what else is not known hides it: fly for longer, or give time_offset_s".to_owned()
