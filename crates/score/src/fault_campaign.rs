@@ -323,6 +323,7 @@ mod tests {
         let row: Vec<&str> = row.trim_end().split(',').collect();
         assert_eq!((cell(&row, "first"), cell(&row, "beyond")), ("camera frozen", "0"), "{row:?}");
     }
+
     /// Flight 1187: cameras share 50 instants near hover. Of three ends of the clocks' search the best by 1.5 % was 19 ms off,
     /// and was gone by.
     #[test]
