@@ -1,18 +1,15 @@
 //! From poses to motion and parameters.
 
+use crate::equation_error::{equation_error_by_clock, moved_by};
 use crate::input_range::beyond_range;
 use crate::log_clock::{LogBesidePoses, sensors_of_log};
-use crate::parts::{
-    begun_in_flight, held_long, longest_without_gap, moves_before, part_covered, part_without_gap, with_part,
-};
+use crate::parts::moves_before;
 use crate::weight::wrong_weight;
 use crate::{EngineError, Flight};
 use mavsight_flight::{FlightError, InputSeries, Vehicle};
 use mavsight_identify::output_error::{FlightFitOptions, FlightFits, Images, InputClock, MotionFits};
 use mavsight_identify::{Clocks, IdentifyError, RegressionError};
-use mavsight_pipeline::{
-    MARKERS_STD_M, PipelineError, Progress, Solution, Stage, body_markers, identify_motion, motion_from_poses,
-};
+use mavsight_pipeline::{MARKERS_STD_M, PipelineError, Progress, Stage, body_markers, motion_from_poses};
 use mavsight_pose::{Motion, RateSeries};
 use mavsight_session::RunResults;
 use std::borrow::Cow;
@@ -121,18 +118,16 @@ fn identify_beside_log(
         Some(Some(inputs)) => inputs,
         None => recorded,
     };
-    // Within the margin, the ends of the inputs are held.
-    let far_s = flight.options.lag_s.filter(|lag_s| lag_s.abs() > flight.options.table.margin_s);
-    let by_lag = far_s.map(|lag_s| moved_by(lag_s, recorded, &motion)).transpose()?;
+    let given_s = flight.options.lag_s;
+    let by_lag = given_s.map(|lag_s| moved_by(lag_s, recorded, &motion, flight)).transpose()?;
     let recorded = by_lag.as_ref().unwrap_or(recorded);
     let mut found = beyond_range(recorded, &flight.vehicle.model);
     found.extend(wrong_weight(&motion, recorded, flight.vehicle));
     results.notes.extend(found.iter().map(|finding| finding.note.clone()));
     results.findings.extend(found);
-    let mut options = flight.options.clone();
-    options.lag_s = far_s.map(|_| 0.0).or(options.lag_s);
-    let unmoved = Flight { options, ..flight.clone() };
-    let solved = equation_error(&mut motion, recorded, &unmoved, &mut results.notes, progress);
+    let mut unmoved = flight.clone();
+    unmoved.options.lag_s = given_s.map(|_| 0.0);
+    let solved = equation_error_by_clock(&mut motion, recorded, &unmoved, &mut results.notes, progress);
     results.motion = log.motion.or(Some(motion));
     let mut inputs = None;
     let fits_motion = flight.options.motion_fits != MotionFits::NONE && !results.poses.is_empty();
@@ -144,7 +139,7 @@ fn identify_beside_log(
             inputs = solution.inputs;
             results.coefficients = Some(solution.coefficients);
             results.identification = Some(solution.identification);
-            results.clocks = Some(far_s.map_or(solution.clocks, Clocks::Known));
+            results.clocks = Some(given_s.map_or(solution.clocks, Clocks::Known));
         }
         Err(PipelineError::Identify(IdentifyError::Flight(wrong))) => return Err(wrong.into()),
         Err(PipelineError::Identify(wrong)) if is_of_the_settings(&wrong) => {
@@ -175,6 +170,7 @@ fn fit_motion(
     let flight = &Flight { sensors: of_log.as_ref().or(flight.sensors), ..flight.clone() };
     results.output_error = output_error(results, flight, inputs)?;
     results.notes.extend(results.output_error.refusals.iter().cloned());
+    results.notes.extend(whole_lag(results));
     results.notes.extend(unused_outputs(flight));
     results.notes.extend(results.output_error.stretch_s.map(|(from_s, to_s)| {
         format!(
@@ -185,13 +181,18 @@ fn fit_motion(
     Ok(())
 }
 
-/// Inputs whose times a lag is added to, as far as it leaves some of them within the flight.
-fn moved_by(lag_s: f64, inputs: &InputSeries, motion: &Motion) -> Result<InputSeries, EngineError> {
-    let moved = inputs.at_times(|t_s| t_s + lag_s).ok();
-    let covers = |inputs: &InputSeries| !inputs.covered_range(&motion.samples, |s| s.t_ns).is_empty();
-    let must = "be such that some of the inputs are of the flight";
-    let wrong = IdentifyError::BadSetting { what: "the lag", value: lag_s, must };
-    moved.filter(covers).ok_or(EngineError::Setting(wrong))
+/// The lag that equation error moved the inputs by, and what the next fit found on top of it.
+fn whole_lag(results: &RunResults) -> Option<String> {
+    let moved_s = results.clocks.as_ref().filter(|c| matches!(c, Clocks::Lag(_)))?.correction_s();
+    let (name, fit) = results.output_error.named().next()?;
+    let rest = fit.parameter("input_lag_s").filter(|_| moved_s != 0.0)?;
+    Some(format!(
+        "In all the motion follows the inputs' time stamps by {:+.2} ± {:.2} ms by {name}: {:+.2} ms by which they were          moved, and {:+.2} ms that it found on top.",
+        1e3 * (moved_s + rest.value),
+        1e3 * rest.std,
+        1e3 * moved_s,
+        1e3 * rest.value
+    ))
 }
 
 /// That the model describes sensors of which there are no samples.
@@ -217,40 +218,6 @@ fn earlier_schema(vehicle: &Vehicle) -> Option<String> {
             vehicle.model.name
         )
     })
-}
-
-/// Equation error over what the inputs cover of the motion; of that, over the longest part without a gap.
-fn equation_error(
-    motion: &mut Motion,
-    recorded: &InputSeries,
-    flight: &Flight<'_>,
-    notes: &mut Vec<String>,
-    progress: &dyn Progress,
-) -> Result<Solution, PipelineError> {
-    let all = 0..motion.samples.len();
-    let mut covered = recorded.covered_range(&motion.samples, |s| s.t_ns);
-    if covered.is_empty() {
-        // Then the error says so.
-        covered = all;
-    } else if covered != all {
-        notes.push(part_covered(recorded, motion));
-    }
-    notes.extend(held_long(recorded));
-    let begun = begun_in_flight(recorded, &motion.samples[covered.clone()], flight.vehicle);
-    let identify =
-        |part: &mut Motion| identify_motion(part, recorded, flight.vehicle, &flight.options, progress);
-    let solved = with_part(motion, covered, |covered| match identify(covered) {
-        Err(PipelineError::Identify(IdentifyError::GapInMotion { .. })) => {
-            let longest = longest_without_gap(covered);
-            notes.push(part_without_gap(&covered.samples[longest.clone()]));
-            with_part(covered, longest, identify)
-        }
-        solved => solved,
-    })?;
-    if !solved.identification.fits.is_empty() {
-        notes.extend(begun);
-    }
-    Ok(solved)
 }
 
 /// Output error from the poses, and from the images where there are any, with the body as refined. What the smoother
@@ -290,7 +257,7 @@ fn output_error(
         anew_ns: &anew_ns,
         // Poses before the first inputs are not fitted; inputs that moved before the first pose have moved the aircraft.
         begins_in_flight: inputs.covered_range(&results.poses, |p| p.t_ns).start > 0
-            || poses.first().is_some_and(|p| moves_before(inputs, p.t_ns)),
+            || poses.first().is_some_and(|p| moves_before(inputs, flight.vehicle, p.t_ns)),
         at_most: flight.options.at_most,
     };
     let fits = FlightFits::of_flight(flight.vehicle, inputs, &poses, images, &options);

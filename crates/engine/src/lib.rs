@@ -8,6 +8,7 @@
 mod calibration;
 mod check;
 mod colors;
+mod equation_error;
 mod error;
 mod frames;
 mod identification;

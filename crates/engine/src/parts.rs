@@ -72,10 +72,11 @@ pub(crate) fn held_long(inputs: &InputSeries) -> Option<String> {
     ))
 }
 
-/// Whether inputs move before a time.
-pub(crate) fn moves_before(inputs: &InputSeries, t_ns: i64) -> bool {
+/// Whether inputs of the vehicle's model move before a time.
+pub(crate) fn moves_before(inputs: &InputSeries, vehicle: &Vehicle, t_ns: i64) -> bool {
     let before = inputs.times_s().partition_point(|t_s| *t_s < t_ns as f64 * 1e-9);
-    (1..before).any(|row| inputs.row(row) != inputs.row(0))
+    let moves = |column: Vec<f64>| column[..before].iter().any(|value| *value != column[0]);
+    vehicle.input_columns().into_iter().filter_map(|name| inputs.column(name)).any(moves)
 }
 
 /// That equation error takes the model's further states as in trim where they are not.
@@ -84,7 +85,7 @@ pub(crate) fn begun_in_flight(
     motion: &[MotionSample],
     vehicle: &Vehicle,
 ) -> Option<String> {
-    let first = motion.first().filter(|s| moves_before(inputs, s.t_ns))?;
+    let first = motion.first().filter(|s| moves_before(inputs, vehicle, s.t_ns))?;
     let further: Vec<&str> = vehicle.model.states.iter().map(|s| s.name.as_str()).collect();
     (!further.is_empty()).then(|| {
         format!(
@@ -151,11 +152,22 @@ mod tests {
     #[test]
     fn inputs_that_moved_before_the_first_pose_have_moved_the_aircraft() {
         let vehicle = Vehicle::paper();
-        let columns: Vec<String> = vehicle.input_columns().iter().map(|c| (*c).to_owned()).collect();
+        let own = vehicle.input_columns().into_iter().map(str::to_owned);
+        // A column that the model does not have moves from the beginning.
+        let columns: Vec<String> = own.chain(["battery_v".to_owned()]).collect();
         let moved_at = |moved: usize| {
             let times_s = (0..100).map(|k| f64::from(k) / 100.0).collect();
-            let values =
-                (0..100).flat_map(|k| columns.iter().map(move |_| if k >= moved { 0.1 } else { 0.0 }));
+            let last = columns.len() - 1;
+            let moves = |(k, column): (usize, usize)| {
+                if column == last {
+                    k as f64
+                } else if k >= moved {
+                    0.1
+                } else {
+                    0.0
+                }
+            };
+            let values = (0..100).flat_map(|k| (0..=last).map(move |column| (k, column))).map(moves);
             InputSeries::new(columns.clone(), times_s, values.collect()).unwrap()
         };
         let motion = motion(15..30);

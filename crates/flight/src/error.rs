@@ -15,6 +15,16 @@ pub enum FlightError {
         /// Its value.
         value: f64,
     },
+    /// A ball whose diameter is in another unit.
+    #[error(
+        "marker {marker} has a diameter of {diameter_m} m: give all lengths of the vehicle file in metres"
+    )]
+    BallTooLarge {
+        /// Name of the marker.
+        marker: String,
+        /// Its diameter.
+        diameter_m: f64,
+    },
     /// A value of the model outside its bounds.
     #[error("{key} is {value}, but must be a number from {min} to {max}: correct the vehicle file")]
     OutOfBounds {

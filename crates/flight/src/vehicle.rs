@@ -13,6 +13,9 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+/// Largest diameter of a ball on a small aircraft, which may itself span two metres; a larger number is in another unit.
+const LARGEST_BALL_M: f64 = 1.0;
+
 /// A coloured ball on the aircraft.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -233,6 +236,12 @@ impl Vehicle {
             if !(marker.diameter_m.is_finite() && marker.diameter_m > 0.0) {
                 let key = format!("marker {}: diameter_m", marker.name);
                 return Err(FlightError::NotPositive { key, value: marker.diameter_m });
+            }
+            if marker.diameter_m > LARGEST_BALL_M {
+                return Err(FlightError::BallTooLarge {
+                    marker: marker.name.clone(),
+                    diameter_m: marker.diameter_m,
+                });
             }
             if let Some(&value) = marker.position_m.iter().find(|v| !v.is_finite()) {
                 let key = format!("marker {}: position_m", marker.name);

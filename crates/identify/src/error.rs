@@ -254,7 +254,7 @@ fn more_time(seconds: Option<f64>) -> &'static str {
 }
 
 fn values(of: &[(String, f64)]) -> String {
-    of.iter().map(|(name, value)| format!("{name} {value:.4}")).collect::<Vec<_>>().join(", ")
+    of.iter().map(|(name, value)| format!("{name} {value:.3e}")).collect::<Vec<_>>().join(", ")
 }
 
 fn loose(at_bounds: &[String], moving: &[String]) -> String {

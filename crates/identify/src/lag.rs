@@ -1,5 +1,9 @@
 //! How much later than the inputs' clock says the motion follows them.
 
+mod far;
+
+pub use far::far_lag;
+
 use crate::coloured::coloured;
 use crate::dependence::independent_columns;
 use crate::model::{Equations, states_of};
@@ -58,7 +62,8 @@ impl Clocks {
                 let side = if lag.lag_s > 0.0 { "later" } else { "earlier" };
                 Some(format!(
                     "The clocks differ: the motion shows the inputs {size_ms:.1} ± {std_ms:.1} ms {side} than their time \
-                     stamps say, and they were moved by as much. If the clocks are known to agree, give --lag 0."
+                     stamps say, and they were moved by as much. An actuator that is slower than the model says looks like a later \
+                     clock: if the clocks are known to agree, give --lag 0."
                 ))
             }
             Self::Beyond(reach_s) => Some(format!(
@@ -222,9 +227,14 @@ impl<'a> LagSearch<'a> {
         Ok(Lagged { table, rows, x, y })
     }
 
-    /// The shift of least residuals on a grid of a quarter of a period of the low-pass.
+    /// Steps of a grid of a quarter of a period of the low-pass.
+    fn grid_steps(&self, reach_s: f64) -> i32 {
+        (4.0 * self.bandwidth_hz * reach_s).ceil().clamp(2.0, 200.0) as i32
+    }
+
+    /// The shift of least residuals on a grid.
     fn coarse(&self, reach_s: f64) -> Result<Coarse, IdentifyError> {
-        let count = (4.0 * self.bandwidth_hz * reach_s).ceil().clamp(2.0, 200.0) as i32;
+        let count = self.grid_steps(reach_s);
         let shift_s = |k: i32| reach_s * f64::from(k) / f64::from(count);
         let (mut best, mut most) = ((f64::INFINITY, 0), f64::NEG_INFINITY);
         for k in -count..=count {

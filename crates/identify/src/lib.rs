@@ -43,7 +43,7 @@ pub use diagnostics::{
 pub use error::IdentifyError;
 pub use fit::{Combination, Diagnostics, Estimator, FitOptions, Identification, OutputFit, Parameter};
 pub use frequency_domain::{Band, frequency_domain};
-pub use lag::{Clocks, Lag, delayed, estimate_lag};
+pub use lag::{Clocks, Lag, delayed, estimate_lag, far_lag};
 pub use least_squares::{LeastSquares, least_squares, student_quantile_975, weighted_least_squares};
 pub use mavsight_model::regression::RegressionError;
 pub use model::{EquationFile, Measured, OutputEquation, OutputEquations, Scale, When};

@@ -10,6 +10,7 @@ use crate::setup::{CameraSetup, FlightSummary, Pace, Setup};
 use crate::status::CameraStatus;
 use crate::tracking::TrackingState;
 use crate::{LiveError, LivePipeline, events};
+use mavsight_geometry::UnitQuaternion;
 use mavsight_link::Event;
 use mavsight_pipeline::CameraTracker;
 use std::sync::Arc;
@@ -64,6 +65,8 @@ pub fn fly(mut setup: Setup<'_>) -> Result<FlightSummary, LiveError> {
         motion,
         tracking: TrackingState::default(),
         is_fit_checked: false,
+        is_mixed_up: false,
+        attitude: None,
         received_ns: 0,
         latest_ns: i64::MIN,
         first_ns: None,
@@ -88,6 +91,10 @@ struct Flight<'a> {
     tracking: TrackingState,
     /// Whether the fit of the detections to the body has been checked.
     is_fit_checked: bool,
+    /// Whether recordings were found to be those of other cameras, mirrored or turned.
+    is_mixed_up: bool,
+    /// Attitude of the latest pose.
+    attitude: Option<UnitQuaternion<f64>>,
     /// When the latest frame was in hand.
     received_ns: i64,
     latest_ns: i64,
@@ -166,7 +173,6 @@ impl Flight<'_> {
         self.summary.frames[camera] += 1;
         if std::mem::take(&mut status.is_left_out) {
             self.pipeline.wait_again(camera);
-            self.tracking.cut();
         }
         self.latest_ns = self.latest_ns.max(t_ns);
         self.received_ns = received_ns;

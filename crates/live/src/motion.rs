@@ -84,7 +84,7 @@ impl MotionFilter {
 
 /// A filter with the noise estimated from some poses, after these poses.
 fn filter_over(poses: &[PoseSample], gravity_m_s2: f64) -> Option<CausalFilter> {
-    let noise = motion_noise(poses).ok()?;
+    let noise = motion_noise(poses).ok()?.of_flight();
     let mut filter = CausalFilter::new(noise, gravity_m_s2).ok()?;
     poses.iter().for_each(|p| {
         let _ = filter.push(p);

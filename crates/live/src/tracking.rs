@@ -14,7 +14,7 @@ pub(crate) struct TrackingState {
     found_ns: i64,
     /// Number of poses that do not continue those before, modulo 256.
     pub(crate) resets: u8,
-    /// Whether the next pose does not continue the last, because a camera was left out or came back.
+    /// Whether the next pose does not continue the last, because a camera that was wrong was left out or came back.
     is_cut: bool,
 }
 
@@ -43,7 +43,7 @@ impl TrackingState {
         self.state
     }
 
-    /// A camera is left out, or back: the next pose does not continue the one before.
+    /// A camera that was wrong is left out, or is right again: the next pose does not continue the one before.
     pub(crate) fn cut(&mut self) {
         self.is_cut |= self.state != Tracking::Acquiring;
     }

@@ -108,6 +108,29 @@ fn coplanar_control_points() {
     session.is_refused(&["coplanar", "cam1"]);
 }
 
+/// They were to check colours and positions in the table, whichever it was.
+#[test]
+fn a_left_handed_table_and_a_mirrored_image() {
+    let session = Session::new();
+    session.edit_lines("control_points.csv", |lines| {
+        for line in &mut lines[1..] {
+            let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+            cells[2] = (-cells[2].parse::<f64>().expect("a number")).to_string();
+            *line = cells.join(",");
+        }
+    });
+    session.is_refused(&["left-handed"]);
+    let session = Session::new();
+    let still = session.path("cam2-control.png");
+    let image = mavsight::session::read_image(&still).expect("an image");
+    let width = image.size.width_px as usize;
+    let rows = image.to_rgb();
+    let mirrored = rows.chunks(3 * width).flat_map(|row| row.chunks(3).rev().flatten().copied()).collect();
+    let mirrored = mavsight::vision::Frame::from_rgb(image.size, mirrored).expect("an image");
+    mavsight::session::write_png(&still, &mirrored).expect("written");
+    session.is_refused(&["cam2", "mirrored"]);
+}
+
 #[test]
 fn a_camera_without_frames() {
     let session = Session::new();

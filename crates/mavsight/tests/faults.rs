@@ -70,3 +70,24 @@ fn clocks_that_make_no_sense_are_refused() {
         session.is_refused(&["session.toml", words]);
     }
 }
+
+/// Five centimetres more are in x of a control ball's place: it is left out. `check` said that all was ready.
+#[test]
+fn a_control_point_that_is_left_out_is_what_check_asks_to_measure_again() {
+    let session = Session::new();
+    let mut named = String::new();
+    session.edit_lines("control_points.csv", |lines| {
+        let cells: Vec<String> = lines[1].split(',').map(str::to_owned).collect();
+        let x_m: f64 = cells[1].parse().expect("a number");
+        named.clone_from(&cells[0]);
+        lines[1] = format!("{},{},{}", cells[0], x_m + 0.05, cells[2..].join(","));
+    });
+    let output = mavsight().arg("check").arg(session.path("session.toml")).output().expect("a check");
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(!output.status.success(), "{said}");
+    assert!(
+        said.contains(&format!("control point {named} was left out")) && said.contains("measure it again"),
+        "{said}"
+    );
+    assert!(!said.contains("its colour is another"), "{said}");
+}

@@ -56,9 +56,14 @@ fn rig_of(
     detectors: &mut [Detector],
     first: Option<&Rig>,
 ) -> Result<Rig, PipelineError> {
-    let seen: Vec<Seen> = std::iter::zip(stills, detectors)
+    let seen: Vec<Result<Seen, PipelineError>> = std::iter::zip(stills, detectors)
         .map(|(still, detector)| seen_in_still(still, table, detector, !objects.is_empty()))
-        .collect::<Result<_, _>>()?;
+        .collect();
+    let is_mirrored = |s: &Result<Seen, PipelineError>| matches!(s, Err(PipelineError::MirroredImage { .. }));
+    if seen.len() > 1 && seen.iter().all(is_mirrored) {
+        return Err(PipelineError::LeftHandedTable);
+    }
+    let seen: Vec<Seen> = seen.into_iter().collect::<Result<_, _>>()?;
     let swapped = swapped_pairs(&seen);
     let mut left_out = named_swaps(&swapped, table);
     let mut controls = Vec::with_capacity(stills.len());
@@ -136,12 +141,22 @@ fn seen_in_still(
             missing: missing.join(", "),
         });
     }
-    let scored: Vec<Vec<(Vector2<f64>, f64)>> =
-        candidates.iter().map(|list| list.iter().map(|c| (c.pixel, c.score)).collect()).collect();
-    let positions: Vec<Vector3<f64>> = table.iter().map(|row| row.position_m.into()).collect();
-    let names: Vec<&str> = table.iter().map(|row| row.name.as_str()).collect();
-    let selection = select_control_balls(&scored, &positions, &names, size)
-        .map_err(|source| PipelineError::Pose { place: still.camera.clone(), source })?;
+    let select = |is_mirrored: bool| {
+        let place = |c: &Detection| {
+            let across = if is_mirrored { f64::from(size.width_px - 1) - c.pixel.x } else { c.pixel.x };
+            (Vector2::new(across, c.pixel.y), c.score)
+        };
+        let scored: Vec<Vec<(Vector2<f64>, f64)>> =
+            candidates.iter().map(|list| list.iter().map(place).collect()).collect();
+        let positions: Vec<Vector3<f64>> = table.iter().map(|row| row.position_m.into()).collect();
+        let names: Vec<&str> = table.iter().map(|row| row.name.as_str()).collect();
+        select_control_balls(&scored, &positions, &names, size)
+    };
+    let camera = still.camera.clone();
+    let selection = select(false).map_err(|source| match select(true) {
+        Ok(_) => PipelineError::MirroredImage { camera },
+        Err(_) => PipelineError::Pose { place: camera, source },
+    })?;
     Ok(Seen { candidates, selection })
 }
 

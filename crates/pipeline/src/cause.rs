@@ -17,6 +17,8 @@ pub enum Cause {
     ColorsExchanged,
     /// The vehicle file's axes are not forward, right, down.
     BodyAxes,
+    /// The world's z, as the control points give it, is not up.
+    WorldAxes,
     /// The marker positions of the vehicle file are in another unit than metres.
     BodyScale,
     /// The mass of the vehicle file is in another unit than kilograms.
@@ -51,13 +53,14 @@ pub enum Cause {
 
 impl Cause {
     /// All of them.
-    pub const ALL: [Self; 21] = [
+    pub const ALL: [Self; 22] = [
         Self::CameraMoved,
         Self::CameraFrozen,
         Self::CameraDark,
         Self::OutOfFocus,
         Self::ColorsExchanged,
         Self::BodyAxes,
+        Self::WorldAxes,
         Self::BodyScale,
         Self::Mass,
         Self::ClockOffset,
@@ -84,6 +87,7 @@ impl Cause {
             Self::OutOfFocus => "camera out of focus",
             Self::ColorsExchanged => "marker colours exchanged",
             Self::BodyAxes => "body axes turned",
+            Self::WorldAxes => "world axes turned",
             Self::BodyScale => "marker positions in another unit",
             Self::Mass => "mass in another unit",
             Self::ClockOffset => "clock offset wrong",

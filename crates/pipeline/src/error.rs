@@ -29,6 +29,21 @@ pub enum PipelineError {
         /// What happened.
         source: mavsight_pose::PoseError,
     },
+    /// The control points fit the mirrored image of a camera, and not the image.
+    #[error(
+        "{camera}: the control points fit its image only if that is mirrored, as by a selfie camera: mirror the image and the \
+         recording back; with one camera it may be the table, whose x, y, z must be a right-handed frame with z up"
+    )]
+    MirroredImage {
+        /// Camera.
+        camera: String,
+    },
+    /// The control points fit the mirrored images of all cameras.
+    #[error(
+        "the control points fit the images of all cameras only if these are mirrored: the table's axes are left-handed; give x, y, z \
+         of a right-handed frame with z up, in which y is left of x seen from above"
+    )]
+    LeftHandedTable,
     /// Identification failed.
     #[error("identification: {0}")]
     Identify(#[from] mavsight_identify::IdentifyError),

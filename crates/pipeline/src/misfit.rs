@@ -65,7 +65,7 @@ pub(crate) fn findings(
         if median_fit(estimator, &instants)?.is_some_and(|fit| fit.ratio <= SUSPECT) {
             // Balls that the association has left aside are others'.
             let evidence = Evidence { estimator, rig, instants, clocks: None };
-            return Ok(evidence.upside_down()?.into_iter().collect());
+            return Ok(evidence.not_upright()?.into_iter().collect());
         }
     }
     of_observations(estimator, rig, sample.lone(), clocks)
@@ -86,7 +86,7 @@ pub(crate) fn of_observations(
     let evidence = Evidence { estimator, rig, instants, clocks };
     let Some(given) = evidence.median_fit(&evidence.instants)? else { return Ok(vec![]) };
     if given.ratio <= SUSPECT {
-        return Ok(evidence.upside_down()?.into_iter().collect());
+        return Ok(evidence.not_upright()?.into_iter().collect());
     }
     let explains = |a: &Alternative| a.fit.ratio <= FITS && a.fit.ratio <= EXPLAINS * given.ratio;
     let mut found = evidence.exchanged_recordings()?;

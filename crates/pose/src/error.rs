@@ -200,6 +200,11 @@ pub enum PoseError {
     /// What was seen is not the body that is described, or may as well be another.
     #[error("what was seen is not decidedly the body of the vehicle file ({0}): correct the file")]
     AnotherBody(&'static str),
+    /// Recordings are exchanged between cameras, mirrored or turned.
+    #[error(
+        "the cameras' images are exchanged, mirrored or turned: correct the session file and start again"
+    )]
+    MixedUp,
     /// The uncertainty of the markers' positions does not belong to these markers.
     #[error(
         "the uncertainty of the markers has {rows} rows or is not finite: give 3 rows a marker, {needed} in all"

@@ -39,7 +39,7 @@ pub enum Harm {
 
 /// What the results and the notes of a run ask for.
 pub(crate) fn of(results: &RunResults, notes: &[String]) -> Vec<Advice> {
-    let faults = results.findings.iter().map(|f| advice_of(&f.note, Harm::Fault));
+    let faults = results.findings.iter().map(|f| Some(fault(&f.note)));
     let is_fault = |note: &&String| results.findings.iter().any(|f| f.note == **note);
     // A note that begins so says what the flight did not give.
     let harm = |note: &str| if note.starts_with("No ") { Harm::Missing } else { Harm::Imprecise };
@@ -175,6 +175,13 @@ fn of_motion_fits(results: &RunResults) -> Vec<Advice> {
 pub(crate) fn sentence_case(text: &str) -> String {
     let mut rest = text.chars();
     rest.next().map_or_else(String::new, |first| first.to_uppercase().collect::<String>() + rest.as_str())
+}
+
+/// A fault; one that names several causes alike has no remedy of its own.
+fn fault(note: &str) -> Advice {
+    let (what, remedy) = split(note);
+    let one_by_one = || "Mend what it names one by one, until the finding is gone.".to_owned();
+    Advice { harm: Harm::Fault, what, remedy: remedy.unwrap_or_else(one_by_one) }
 }
 
 /// A text that says what to do.

@@ -54,10 +54,11 @@ pub(crate) fn summarise(summary: &mut Summary, results: &RunResults) {
         summary.verdicts.extend(fit.notes.iter().map(|note| format!("{}: {note}", words(name))));
     }
     summary.verdicts.extend(held(fits));
+    let asks = fits.adequacy.lacks_something();
     for c in comparisons(results) {
         let (first, second) = &c.between;
         summary.section("fit").hidden(format!("{first}_against_{second}_p_value"), c.test.p_value);
-        summary.verdicts.push(sentence(&c));
+        summary.verdicts.push(sentence(&c, asks));
     }
 }
 
@@ -107,7 +108,7 @@ pub(crate) fn is_of_use(errors: &AheadErrors) -> bool {
 
 /// Which estimators contradict each other.
 pub(crate) fn disagreements(results: &RunResults) -> impl Iterator<Item = String> {
-    comparisons(results).into_iter().filter(|c| c.test.is_significant()).map(|c| sentence(&c))
+    comparisons(results).into_iter().filter(|c| c.test.is_significant()).map(|c| sentence(&c, false))
 }
 
 fn comparisons(results: &RunResults) -> Vec<Comparison> {
@@ -119,12 +120,16 @@ fn comparisons(results: &RunResults) -> Vec<Comparison> {
     all
 }
 
-fn sentence(c: &Comparison) -> String {
+/// A comparison in words, where the residuals ask for terms that the model lacks or do not.
+fn sentence(c: &Comparison, asks: bool) -> String {
     let (first, second) = &c.between;
     let verdict = if c.test.is_significant() && second == FILTER_ERROR {
-        "disagree by more than their uncertainties allow: the model lacks something, for which filter error allows"
+        "disagree by more than their uncertainties allow: the model lacks something; filter error allows for forces and moments \
+         that change, not for steady ones"
     } else if c.test.is_significant() {
         "disagree by more than their uncertainties allow: the model of one of them lacks something"
+    } else if asks && second == FILTER_ERROR {
+        "agree within their uncertainties, which says little where the residuals ask for terms that the model lacks"
     } else {
         "agree within their uncertainties"
     };

@@ -13,6 +13,8 @@ use std::path::Path;
 /// Column of the times.
 pub(crate) const TIME_COLUMN: &str = "t_s";
 
+/// Largest diameter, and largest standard deviation of a coordinate, of a control ball; a larger number is in another unit.
+const LONGEST_M: f64 = 2.0;
 const CONTROL_COLUMNS: [&str; 6] = ["name", "x_m", "y_m", "z_m", "diameter_m", "color"];
 
 /// Column of the control points that may be left out.
@@ -170,7 +172,14 @@ pub fn read_control_points(path: &Path) -> Result<Vec<ControlPointRow>, SessionE
         }
         let length = |column: usize, value_m: f64, what: &str| {
             let wrong = || row.refuse(column, format!("{value_m} m is below zero: give {what}"));
-            if value_m < 0.0 { Err(wrong()) } else { Ok(value_m) }
+            let long = || {
+                row.refuse(column, format!("{value_m} m is too long for {what}: give all lengths in metres"))
+            };
+            match value_m {
+                0.0..=LONGEST_M => Ok(value_m),
+                LONGEST_M.. => Err(long()),
+                _ => Err(wrong()),
+            }
         };
         let std_m = std.map_or(Ok(0.0), |column| {
             let std_m = row.number_if_any(column)?.unwrap_or(0.0);

@@ -318,6 +318,7 @@ fn control_tables_are_checked() {
     has(&read(&POINTS.replace("#2c9030", "greenish")), &["p.csv", "row 2", "color", "greenish", "#rrggbb"]);
     has(&read(&POINTS.replace("b,1", "a,1")), &["p.csv", "row 2", "name", "\"a\""]);
     has(&read(&POINTS.replace("0.06,#2", "-0.06,#2")), &["p.csv", "row 2", "diameter_m", "-0.06"]);
+    has(&read(&POINTS.replace("0.06,#2", "60,#2")), &["p.csv", "row 2", "60 m", "in metres"]);
     let read = |content: &str| {
         let path = folder.write("x.csv", format!("camera,name,u_px,v_px\n{content}"));
         read_control_pixels(&path, &["cam1"], &["a", "b"])

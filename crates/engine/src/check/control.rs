@@ -4,7 +4,7 @@ use super::film::disc_rgb;
 use super::{CameraCheck, CheckItem};
 use mavsight_geometry::{Camera, Vector2};
 use mavsight_pipeline::{Cause, ControlPointRow};
-use mavsight_pose::Rig;
+use mavsight_pose::{LeftOut, Rig};
 use mavsight_session::Session;
 
 /// A control point in a still.
@@ -32,7 +32,7 @@ pub(super) fn look(session: &Session, rig: &Rig, cameras: &mut [CameraCheck]) ->
     if session.file.control.as_ref().is_none_or(|c| c.observations.is_some()) {
         return Vec::new();
     }
-    let mut items = Vec::new();
+    let mut items: Vec<CheckItem> = rig.left_out.iter().map(|point| left_out(point, rig)).collect();
     for (k, (camera, own)) in cameras.iter_mut().zip(&rig.cameras).enumerate() {
         let Some((frame, balls)) = &mut camera.still else { continue };
         for row in &table {
@@ -48,11 +48,22 @@ pub(super) fn look(session: &Session, rig: &Rig, cameras: &mut [CameraCheck]) ->
                 rgb: disc_rgb(frame, pixel, diameter_px),
             });
         }
-        for ball in balls.iter().filter(|b| b.residual_px.is_none()) {
+        let is_left_out = |ball: &ControlBall| {
+            let of_this = |point: &&LeftOut| point.camera.as_ref().is_none_or(|name| *name == camera.name);
+            rig.left_out.iter().filter(of_this).any(|point| point.name == ball.name)
+        };
+        for ball in balls.iter().filter(|b| b.residual_px.is_none() && !is_left_out(b)) {
             items.push(not_found(k, &camera.name, &own.camera, ball));
         }
     }
     items
+}
+
+/// A control point that the calibration left out, and why.
+fn left_out(point: &LeftOut, rig: &Rig) -> CheckItem {
+    let of = point.camera.as_ref();
+    let camera = of.and_then(|name| rig.cameras.iter().position(|own| own.name == *name));
+    CheckItem { camera, ..CheckItem::of_note(format!("Calibration: {point}.")) }
 }
 
 fn seen_by(camera: &Camera, row: &ControlPointRow) -> Option<(Vector2<f64>, f64)> {

@@ -67,6 +67,7 @@ fn harm_of(cause: Cause) -> Harm {
         | Cause::CameraFrozen
         | Cause::ColorsExchanged
         | Cause::BodyAxes
+        | Cause::WorldAxes
         | Cause::BodyScale
         | Cause::Mass
         | Cause::ClockOffset

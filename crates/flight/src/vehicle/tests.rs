@@ -13,6 +13,8 @@ fn the_papers_vehicle_is_valid_and_each_constant_is_checked() {
     assert!(matches!(vehicle.validate(), Err(FlightError::DuplicateMarker { first: 1, second: 3, .. })));
     vehicle.marker[2].name = "left red".into();
     assert!(matches!(vehicle.validate(), Err(FlightError::MarkerName { .. })));
+    vehicle.marker[1].diameter_m = 50.0;
+    assert!(matches!(vehicle.validate(), Err(FlightError::BallTooLarge { diameter_m: 50.0, .. })));
     let mut vehicle = Vehicle::paper();
     vehicle.inertia_kg_m2 = [1e-3, 1.0, 1e-3];
     assert!(matches!(vehicle.validate(), Err(FlightError::Inertia { .. })));

@@ -127,7 +127,7 @@ fn unmodelled(process_noise: &[(String, f64)]) -> Option<String> {
     (!process_noise.is_empty()).then(|| {
         format!(
             "What the model lacks comes to {} m/s² along x, y, z and {} rad/s² about them in the mean of a second; the \
-             intervals allow for it.",
+             intervals allow for it where it changes, not for what stays the same all the flight, such as wind.",
             part(0),
             part(3)
         )
@@ -180,7 +180,7 @@ fn notes(
     let mut out = Vec::new();
     if let Some(errors) = systematic {
         out.push(format!(
-            "{:.0} % of the measurements' variance is correlated over about {}: a slow effect is missing from the model or the measurements; weights and standard deviations allow for it.",
+            "{:.0} % of the measurements' variance is correlated over about {}: a slow effect is missing from the model or the measurements; weights and standard deviations allow for the correlation, not for what the effect does to the parameters.",
             100.0 * errors.share, errors.extent
         ));
     }

@@ -12,7 +12,7 @@ use super::model::{FlightModel, ModelParameter};
 use super::options::OutputErrorOptions;
 use super::result::{FittedParameter, OutputErrorFit};
 use crate::IdentifyError;
-use held_out::{Found, Parts};
+use held_out::{Found, Parts, STRONG};
 use mavsight_flight::InputSeries;
 use score::score_tests;
 
@@ -56,7 +56,7 @@ pub enum NotAdded {
     Replaced,
     /// The fit with it was refused.
     Refused(String),
-    /// It raised the deviance of the held-out part, by this.
+    /// It changed the deviance of the held-out part by this: it raised it, or lowered it too little.
     HeldOut(f64),
 }
 
@@ -93,13 +93,12 @@ pub struct StructureSearch {
 /// Fits the free parameters of a model by [`super::output_error`], and adds those of its candidate terms
 /// ([`mavsight_model::Parameter::candidate`]) for which the flight gives evidence.
 ///
-/// Two thirds of the flight are fitted; of pieces of two seconds every third is held out. At the fit each candidate that is not
-/// free is judged by a score test (Rao 1948), a chi-square of one degree whose variance allows for residuals
-/// that hang together (Newey & West 1987). If the strongest passes at the level of 1 % over all candidates
-/// that are left (Holm 1979), it is freed, fitted, and kept if the held-out part is then the more likely:
-/// flown in pieces whose starts are found anew. Terms that an addition makes idle are held again.
-/// This repeats until no candidate passes; what was chosen is then fitted to the whole flight. Intervals do
-/// not allow for the choice.
+/// Two thirds of the flight are fitted; of pieces of two seconds every third is held out. At the fit each further candidate
+/// is judged by a score test (Rao 1948), a chi-square of one degree whose variance allows for residuals that hang together
+/// (Newey & West 1987). If the strongest passes at the level of 1 % over all candidates that are left (Holm 1979), it is
+/// freed, fitted, and kept if it lowers the deviance of the held-out part by 6 (Kass & Raftery 1995), flown in pieces whose
+/// starts are found anew. Terms that an addition makes idle are held again. This repeats until no candidate passes; what
+/// was chosen is then fitted to the whole flight. Intervals do not allow for the choice.
 ///
 /// Sensors take no part in the choice, but in the final fit.
 ///
@@ -243,7 +242,7 @@ impl<'a> Search<'a> {
         while let Some((place, test)) = self.strongest() {
             let mut term = self.open.remove(place);
             match self.with(term.parameter, found) {
-                Ok((model, solved, gain)) if gain > 0.0 => {
+                Ok((model, solved, gain)) if gain > STRONG => {
                     self.model = model;
                     self.added.push(Addition { parameter: term.parameter, test, held_out_gain: gain });
                     return Some(solved);
@@ -391,7 +390,9 @@ impl std::fmt::Display for TriedTerm {
             NotAdded::NoEvidence => Ok(()),
             NotAdded::NotDistinguished => f.write_str("free parameters do the same"),
             NotAdded::Replaced => f.write_str(" at first, not needed beside what was added later"),
-            NotAdded::HeldOut(loss) => write!(f, ", but held-out deviance higher by {loss:.1}"),
+            NotAdded::HeldOut(by) => {
+                write!(f, ", but held-out deviance changes by {by:+.1} (-{STRONG} counts)")
+            }
             NotAdded::Refused(why) => write!(f, ", but {why}"),
         }
     }

@@ -3,7 +3,7 @@
 use crate::aircraft::{Flown, fly, longitudinal_multisine, multisine};
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_identify::output_error::{FlightFitOptions, FlightFits, InputClock};
-use mavsight_identify::{Clocks, IdentifyError, Options, delayed, estimate_lag};
+use mavsight_identify::{Clocks, IdentifyError, Options, delayed, estimate_lag, far_lag};
 use mavsight_random::Random;
 use mavsight_simulator::Scenario;
 
@@ -92,4 +92,30 @@ fn inputs_that_act_late_by_a_clock_that_counts_as_known_leave_nothing_determined
     assert!(notes[0].contains("inputs that act later than they are recorded (about"), "{notes:?}");
     assert!(determined(&fits(&early, InputClock::Free)) > 10);
     assert!(determined(&fits(&flown.inputs, InputClock::Known)) > 10);
+}
+
+#[test]
+fn a_far_lag_is_found_where_it_explains_more_and_nowhere_else() {
+    let mut random = Random::new(62, 0);
+    let far = |flown: &Flown, late_s: f64, random: &mut Random| {
+        let motion = flown.noisy_motion(random);
+        let inputs = flown.inputs.at_times(|t_s| t_s + late_s).expect("inputs");
+        // As far as the inputs cover the motion.
+        let covered = inputs.covered_range(&motion.samples, |s| s.t_ns);
+        let part = mavsight_pose::Motion { samples: motion.samples[covered].to_vec(), ..motion };
+        far_lag(&part, &inputs, &flown.vehicle, &Options::default(), 0.5).expect("a search")
+    };
+    let moving = fly(&longitudinal_multisine(), Vehicle::paper());
+    for late_s in [0.9, -2.3] {
+        let lag = far(&moving, late_s, &mut random).expect("a lag");
+        println!("late {late_s}: {lag:?}");
+        assert!((lag.lag_s + late_s).abs() <= 1.5 * lag.std_s, "late {late_s}: {lag:?}");
+    }
+    for late_s in [0.0, 0.4] {
+        assert_eq!(far(&moving, late_s, &mut random), None, "late {late_s}");
+    }
+    let hover = fly(&Scenario { maneuver: vec![], ..Scenario::paper() }, Vehicle::paper());
+    for _ in 0..3 {
+        assert_eq!(far(&hover, 0.0, &mut random), None);
+    }
 }

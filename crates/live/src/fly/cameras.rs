@@ -46,11 +46,9 @@ impl Flight<'_> {
         t_ns + status.usual_ns + (LATE_INTERVALS * status.interval_ns as f64) as i64
     }
 
-    /// Goes on without a camera until it is back.
+    /// Goes on without a camera until it is back. Poses by the others follow from those before within their covariance.
     pub(super) fn leave_out(&mut self, camera: usize) {
-        if !std::mem::replace(&mut self.status[camera].is_left_out, true) {
-            self.tracking.cut();
-        }
+        self.status[camera].is_left_out = true;
         self.pipeline.go_without(camera, i64::MAX);
     }
 
@@ -150,6 +148,7 @@ impl Flight<'_> {
             status.passed_over(now_ns);
             if self.setup.pace == Pace::Own {
                 status.stamps.clock_was_set(status.usual_ns);
+                self.tracking.cut();
                 self.leave_out(camera);
             }
         }
@@ -173,6 +172,7 @@ impl Flight<'_> {
                 "{name}: its time stamps went ahead of this computer's clock by {ahead_s:.3} s, as of a clock that was set: {PASSED_OVER}."
             );
             self.note(true, text);
+            self.tracking.cut();
         }
         self.leave_out(camera);
         true

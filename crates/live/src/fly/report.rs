@@ -5,14 +5,20 @@ use crate::parameters::Parameters;
 use crate::setup::{Pace, Setup};
 use crate::status::CameraStatus;
 use crate::{InstantEstimate, Latencies, events};
+use mavsight_geometry::UnitQuaternion;
 use mavsight_link::{CameraState, Event, Fix, Tracking};
+use mavsight_pipeline::PipelineError;
+use mavsight_pose::PoseError;
 
 /// Time over which frames are counted for a report: a rate is then known to one frame a second.
 const REPORT_NS: i64 = 1_000_000_000;
 
 impl Flight<'_> {
     pub(super) fn report_instants(&mut self) {
-        while let Some(instant) = self.pipeline.next_instant() {
+        while let Some(mut instant) = self.pipeline.next_instant() {
+            if self.is_mixed_up {
+                instant.association.sample.estimate = Err(PoseError::MixedUp);
+            }
             let sample = &instant.association.sample;
             for (camera, status) in self.status.iter_mut().enumerate() {
                 let found = instant.moved.iter().find(|m| m.camera == camera);
@@ -29,11 +35,17 @@ impl Flight<'_> {
             let motion = self.motion.push(sample);
             let was_acquiring = self.tracking.state == Tracking::Acquiring;
             let tracking = self.tracking.saw(instant.t_ns, sample.estimate.is_ok());
+            let mut measured = sample.estimate.as_ref().ok().map(|e| events::measured(e, motion.as_ref()));
+            if let Some(measured) = &mut measured {
+                let turn = &mut measured.world_from_body.rotation;
+                *turn = continued(*turn, self.attitude);
+                self.attitude = Some(*turn);
+            }
             let fix = Fix {
                 sequence: self.summary.instants,
                 captured_ns: self.setup.clock.unix_ns(instant.t_ns),
                 received_ns: self.setup.clock.unix_ns(self.received_ns),
-                measured: sample.estimate.as_ref().ok().map(|e| events::measured(e, motion.as_ref())),
+                measured,
                 resets: self.tracking.resets,
             };
             self.setup.listeners.fix(fix.clone());
@@ -60,7 +72,7 @@ impl Flight<'_> {
                     "{name} sees none of the balls where another camera sees the aircraft: look at its focus and exposure, \
                      and at what is before it."
                 );
-                let t_s = self.setup.clock.now_ns() as f64 * 1e-9;
+                let t_s = instant.t_ns as f64 * 1e-9;
                 self.setup.send(Event::Note { t_s, fault: true, text });
             }
             let detections = events::detections(&instant, self.setup.rig, self.setup.vehicle);
@@ -68,7 +80,7 @@ impl Flight<'_> {
         }
     }
 
-    /// Cameras that are exchanged and the like, as soon as there are enough detections.
+    /// Cameras that are exchanged and the like, as soon as there are enough detections; no pose is given from then on.
     pub(super) fn report_misfit(&mut self) {
         if self.is_fit_checked {
             return;
@@ -77,7 +89,10 @@ impl Flight<'_> {
         self.is_fit_checked = true;
         match misfit {
             Ok(findings) => findings.into_iter().for_each(|found| self.note(true, found.note)),
-            Err(mixed_up) => self.note(true, mixed_up.to_string()),
+            Err(mixed_up) => {
+                self.is_mixed_up = matches!(mixed_up, PipelineError::MixedUp { .. });
+                self.note(true, mixed_up.to_string());
+            }
         }
     }
 
@@ -128,6 +143,12 @@ impl Flight<'_> {
     }
 }
 
+/// Of the two quaternions of a turn, the one next to that of the turn before: who filters components needs no jumps of sign.
+fn continued(turn: UnitQuaternion<f64>, before: Option<UnitQuaternion<f64>>) -> UnitQuaternion<f64> {
+    let is_opposite = before.is_some_and(|before| before.coords.dot(&turn.coords) < 0.0);
+    if is_opposite { UnitQuaternion::new_unchecked(-turn.into_inner()) } else { turn }
+}
+
 /// Cameras that, though their frames came, have just missed all balls at instants running at which another camera
 /// saw the aircraft in their view.
 fn newly_blind(instant: &InstantEstimate<'_>, setup: &Setup<'_>, status: &mut [CameraStatus]) -> Vec<usize> {
@@ -147,4 +168,21 @@ fn newly_blind(instant: &InstantEstimate<'_>, setup: &Setup<'_>, status: &mut [C
         status.is_newly_blind(sees, instant.t_ns).then_some(camera)
     };
     status.iter_mut().enumerate().filter_map(is_blind).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_attitude_is_sent_without_jumps_of_sign() {
+        let turn = |angle_rad: f64| UnitQuaternion::from_euler_angles(0.0, 0.0, angle_rad);
+        let mut sent = turn(0.0);
+        // Once around, of which the second half is the quaternion of the other sign.
+        for step in 1..=12 {
+            let next = continued(turn(f64::from(step) * std::f64::consts::TAU / 12.0), Some(sent));
+            assert!(next.coords.dot(&sent.coords) > 0.9, "step {step}");
+            sent = next;
+        }
+    }
 }

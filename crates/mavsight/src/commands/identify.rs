@@ -62,7 +62,8 @@ pub(crate) fn identify(args: &Identify) -> Result<()> {
         let measured = flights.into_iter().map(|flight| one(flight, session.clone(), args.out.as_deref()));
         let results = measured.collect::<Result<Vec<RunResults>>>()?;
         bars.done();
-        return results.first().map_or(Ok(()), require_a_pose);
+        let require_all = |results| require_a_pose(results).and_then(|()| require_a_result(results));
+        return results.first().map_or(Ok(()), require_all);
     }
     let mut fitted = Vec::new();
     for (flight, name) in flights.into_iter().zip(&names) {
@@ -152,7 +153,16 @@ fn identify_log(args: &Identify, log: &RecordedLog, flight: &Flight<'_>) -> Resu
         write_identified(out, &mut results)?;
         outln!("\nResults: {}", out.display());
     }
-    Ok(())
+    require_a_result(&results)
+}
+
+/// Refuses a flight that gave neither a motion nor parameters.
+fn require_a_result(results: &RunResults) -> Result<()> {
+    let is_regressed = results.identification.as_ref().is_some_and(|i| !i.fits.is_empty());
+    if results.motion.is_some() || is_regressed || results.output_error.named().next().is_some() {
+        return Ok(());
+    }
+    anyhow::bail!("there is neither a motion nor a parameter: the notes say why")
 }
 
 /// What was recorded of a flight, or of a part of one.

@@ -3,13 +3,17 @@
 use super::{Alternative, Evidence};
 use crate::{Cause, Finding, PipelineError};
 use mavsight_geometry::{Vector2, Vector3};
-use mavsight_pose::{MarkerObservation, Rig};
+use mavsight_pose::{MarkerObservation, Rig, median};
 
 /// Markers up to which every permutation of them is tried; of more, every exchange of two.
 const MOST_PERMUTED: usize = 5;
 
 /// Instants from which a permutation is tried; those that fit are tried with all.
 const FEW: usize = 7;
+
+/// Cosine of the angle between the body's z and down above which a body is upright: it leans by less than 60°, which few
+/// aircraft exceed for all of a flight.
+const UPRIGHT: f64 = 0.5;
 
 /// What may have been done to recordings or to the file of the vehicle.
 #[derive(Debug, Clone, PartialEq)]
@@ -187,27 +191,45 @@ impl Evidence<'_> {
         Ok(kept.map(|(_, _, fit, exchange)| self.by(&exchange, fit)).collect())
     }
 
+    /// Cosines of the angle between the body's z and down, of the poses of these instants.
+    fn tilts(&self, instants: &[Vec<MarkerObservation>]) -> Vec<f64> {
+        let tilt = |seen: &Vec<MarkerObservation>| {
+            let estimate = self.estimator.estimate(seen.first()?.t_ns, seen, None).ok()?;
+            Some(-(estimate.world_from_body.rotation * Vector3::z()).z)
+        };
+        instants.iter().filter_map(tilt).collect()
+    }
+
     /// Share of the poses of these instants in which the body's z points down; 1 where there are none.
     fn upright(&self, instants: &[Vec<MarkerObservation>]) -> f64 {
-        let is_upright = |seen: &Vec<MarkerObservation>| {
-            let estimate = self.estimator.estimate(seen.first()?.t_ns, seen, None).ok()?;
-            Some((estimate.world_from_body.rotation * Vector3::z()).z < 0.0)
-        };
-        let upright: Vec<bool> = instants.iter().filter_map(is_upright).collect();
-        if upright.is_empty() {
+        let tilts = self.tilts(instants);
+        if tilts.is_empty() {
             return 1.0;
         }
-        upright.iter().filter(|u| **u).count() as f64 / upright.len() as f64
+        tilts.iter().filter(|cosine| **cosine > 0.0).count() as f64 / tilts.len() as f64
+    }
+
+    /// That the body is upside down or on its side all the while.
+    pub(super) fn not_upright(&self) -> Result<Option<Finding>, PipelineError> {
+        let few: Vec<Vec<MarkerObservation>> =
+            self.instants.iter().step_by((self.instants.len() / FEW).max(1)).cloned().collect();
+        let tilts = self.tilts(&few);
+        if tilts.is_empty() || tilts.iter().any(|cosine| *cosine > UPRIGHT) {
+            return Ok(None);
+        }
+        if tilts.iter().all(|cosine| *cosine <= 0.0) && tilts.iter().any(|cosine| *cosine < -UPRIGHT) {
+            return self.upside_down().map(Some);
+        }
+        let tilt_deg = median(tilts).map_or(f64::NAN, |cosine| cosine.acos().to_degrees());
+        let note = format!(
+            "The body lies on its side in all that was looked at, its z {tilt_deg:.0}° from down (median): it was flown so, or the              control points' z does not point up, or the axes of the vehicle file are not forward, right and down. The images do not              show which: correct the file that is wrong, or every attitude and force is by the wrong axes."
+        );
+        Ok(Some(Finding { causes: vec![Cause::WorldAxes, Cause::BodyAxes], camera: None, note }))
     }
 
     /// That the body is upside down all the while, where other colours of its markers would turn it over: of a
     /// flat body the cameras see no more than that.
-    pub(super) fn upside_down(&self) -> Result<Option<Finding>, PipelineError> {
-        let few: Vec<Vec<MarkerObservation>> =
-            self.instants.iter().step_by((self.instants.len() / FEW).max(1)).cloned().collect();
-        if self.upright(&few) > 0.0 {
-            return Ok(None);
-        }
+    fn upside_down(&self) -> Result<Finding, PipelineError> {
         let upright = self.exchanged_colors()?;
         let colors: Vec<&str> = upright.iter().map(|a| a.words.as_str()).collect();
         let (mut causes, mut other) = (vec![Cause::BodyAxes], String::new());
@@ -217,10 +239,10 @@ impl Evidence<'_> {
         }
         let note = format!(
             "The body is upside down in all that was looked at: it was flown so, or the axes of the vehicle file are not forward, \
-             right and down{other}. The images do not show which, and no pose is given: correct the file; if it was flown so, film it \
+             right and down, or the control points' z does not point up{other}. The images do not show which, and no pose is given: correct the file; if it was flown so, film it \
              upright for a fifth of the time as well."
         );
-        Ok(Some(Finding { causes, camera: None, note }))
+        Ok(Finding { causes, camera: None, note })
     }
 }
 

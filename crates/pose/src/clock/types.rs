@@ -163,6 +163,9 @@ impl ClockEstimate {
     }
 }
 
+/// No small aircraft flies faster in a room: it would cross ten metres in a third of a second.
+const FASTEST_M_S: f64 = 30.0;
+
 impl fmt::Display for ClockEstimate {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (offset_ms, std_ms) = (1e3 * self.shown.offset_s, 1e3 * self.offset_std_s);
@@ -183,6 +186,9 @@ impl fmt::Display for ClockEstimate {
             ClockVerdict::TooSlow { speed_px_s, needed_px_s, needed_m_s } => {
                 let remedy = if needed_px_s <= speed_px_s {
                     "what else is not known hides it: fly for longer, or give time_offset_s".to_owned()
+                } else if needed_px_s.is_finite() && needed_m_s > FASTEST_M_S {
+                    "no speed in a room would do: mend what else is wrong first, or give time_offset_s"
+                        .to_owned()
                 } else if needed_px_s.is_finite() {
                     format!(
                         "{needed_px_s:.0} px/s would do: fly or carry the aircraft about at {needed_m_s:.2} m/s, or give time_offset_s"

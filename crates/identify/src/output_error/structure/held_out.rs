@@ -16,6 +16,10 @@ const PIECE_S: f64 = 2.0;
 /// Of so many pieces one is held out, the second.
 const OF: usize = 3;
 
+/// Deviance by which a term must lower that of the held-out part: twice the logarithm of a Bayes factor from which evidence
+/// is strong (Kass & Raftery 1995, section 3.2).
+pub(super) const STRONG: f64 = 6.0;
+
 /// A flight in two parts.
 ///
 /// Every third piece is held out, and never the first: a manoeuvre of any axis, and the beginning
