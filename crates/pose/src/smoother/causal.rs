@@ -5,7 +5,7 @@ use crate::{MotionSample, PoseError, PoseSample};
 
 /// Factors on the intensity of the jerk between which the filter chooses: a manoeuvre exceeds a calm hover by decades.
 const JERK_FACTORS: [f64; 4] = [1.0, 1e1, 1e2, 1e3];
-/// Poses after which a misfit has faded to 1/e: enough to tell one factor from the next, few beside a manoeuvre.
+/// Poses after which a misfit has faded to 1/e: enough to distinguish the factors, few beside a manoeuvre.
 const REMEMBERED: f64 = 5.0;
 /// Twice the logarithm of the likelihood by which another factor must explain the poses better: the 99.9 % quantile of
 /// chi-square with one degree of freedom.
