@@ -187,7 +187,8 @@ fn whole_lag(results: &RunResults) -> Option<String> {
     let (name, fit) = results.output_error.named().next()?;
     let rest = fit.parameter("input_lag_s").filter(|_| moved_s != 0.0)?;
     Some(format!(
-        "In all the motion follows the inputs' time stamps by {:+.2} ± {:.2} ms by {name}: {:+.2} ms by which they were          moved, and {:+.2} ms that it found on top.",
+        "In all the motion follows the inputs' time stamps by {:+.2} ± {:.2} ms by {name}: {:+.2} ms by which they were \
+             moved, and {:+.2} ms that it found on top.",
         1e3 * (moved_s + rest.value),
         1e3 * rest.std,
         1e3 * moved_s,

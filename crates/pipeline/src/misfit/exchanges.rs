@@ -222,7 +222,9 @@ impl Evidence<'_> {
         }
         let tilt_deg = median(tilts).map_or(f64::NAN, |cosine| cosine.acos().to_degrees());
         let note = format!(
-            "The body lies on its side in all that was looked at, its z {tilt_deg:.0}° from down (median): it was flown so, or the              control points' z does not point up, or the axes of the vehicle file are not forward, right and down. The images do not              show which: correct the file that is wrong, or every attitude and force is by the wrong axes."
+            "The body lies on its side in all that was looked at, its z {tilt_deg:.0}° from down (median): it was flown so, or the \
+             control points' z does not point up, or the axes of the vehicle file are not forward, right and down. The images do not \
+             show which: correct the file that is wrong, or every attitude and force is by the wrong axes."
         );
         Ok(Some(Finding { causes: vec![Cause::WorldAxes, Cause::BodyAxes], camera: None, note }))
     }

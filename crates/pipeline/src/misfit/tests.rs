@@ -92,6 +92,23 @@ fn every_exchange_of_two_colours_is_found() {
     }
 }
 
+/// Axes of the file, or of the world, a quarter turn off: the images fit, and nothing was said.
+#[test]
+fn a_body_on_its_side_all_the_while_is_a_finding() {
+    for roll in [Vector2::new(1.0, -1.0), Vector2::new(-1.0, 1.0)] {
+        let all = in_file(|body| {
+            for marker in body {
+                let at = &mut marker.marker_in_body_m;
+                (at.y, at.z) = (roll.x * at.z, roll.y * at.y);
+            }
+        });
+        let [one] = &all[..] else { panic!("{all:?}") };
+        assert_eq!(one.causes, [Cause::WorldAxes, Cause::BodyAxes], "{}", one.note);
+        assert!(one.note.contains("z 9") || one.note.contains("z 8"), "{}", one.note);
+        assert!(!one.note.contains("  "), "{}", one.note);
+    }
+}
+
 fn swap(body: &mut [BodyMarker], a: usize, b: usize) {
     let at = body[a].marker_in_body_m;
     body[a].marker_in_body_m = body[b].marker_in_body_m;
