@@ -41,7 +41,7 @@ pub(crate) fn equation_error_by_clock(
     let mut near_notes = Vec::new();
     let near = equation_error(motion, recorded, flight, &mut near_notes, progress);
     let far = match &near {
-        Ok(solution) if are_apart(&solution.clocks) => far_clock(motion, recorded, flight)?,
+        Ok(solution) if are_apart(&solution.clocks) => far_clock(motion, recorded, flight),
         _ => None,
     };
     let Some((far, moved)) = far else {
@@ -66,20 +66,17 @@ fn are_apart(clocks: &Clocks) -> bool {
     }
 }
 
-/// The lag beyond the margin of the fits, where there is one, and the inputs moved by it.
-fn far_clock(
-    motion: &mut Motion,
-    recorded: &InputSeries,
-    flight: &Flight<'_>,
-) -> Result<Option<(Lag, InputSeries)>, PipelineError> {
+/// The lag beyond the margin of the fits, where one can be searched and is found, and the inputs moved by it.
+fn far_clock(motion: &mut Motion, recorded: &InputSeries, flight: &Flight<'_>) -> Option<(Lag, InputSeries)> {
     let table = &flight.options.table;
     let covered = recorded.covered_range(&motion.samples, |s| s.t_ns);
-    let found = with_part(motion, covered, |part| {
+    let far = with_part(motion, covered, |part| {
         let longest = longest_without_gap(part);
         with_part(part, longest, |part| far_lag(part, recorded, flight.vehicle, table, table.margin_s))
-    })?;
-    let moved = |far: Lag| Some((far, recorded.at_times(|t_s| t_s + far.lag_s).ok()?));
-    Ok(found.and_then(moved))
+    });
+    let far = far.ok()??;
+    let moved = recorded.at_times(|t_s| t_s + far.lag_s).ok()?;
+    Some((far, moved))
 }
 
 /// Equation error over what the inputs cover of the motion; of that, over the longest part without a gap.

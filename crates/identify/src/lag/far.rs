@@ -71,10 +71,11 @@ fn turning_most(motion: &Motion, inputs: &InputSeries) -> Result<(Motion, InputS
     let begins = (0..).map(|k| begin_s + 0.25 * PART_S * f64::from(k));
     let begins = begins.take_while(|from_s| *from_s == begin_s || from_s + PART_S <= end_s);
     let from_s = begins.max_by(|a, b| turned(a).total_cmp(&turned(b))).unwrap_or(begin_s);
-    let is_near = |t_s: f64| (from_s - FAR_S..=from_s + PART_S + FAR_S).contains(&t_s);
-    let rows: Vec<usize> = (0..inputs.times_s().len()).filter(|k| is_near(inputs.times_s()[*k])).collect();
-    let times_s = rows.iter().map(|k| inputs.times_s()[*k]).collect();
-    let values = rows.iter().flat_map(|k| inputs.row(*k)).copied().collect();
+    // With the row that holds at the beginning.
+    let before = |t_s: f64| inputs.times_s().partition_point(|row_s| *row_s <= t_s);
+    let rows = before(from_s - FAR_S).saturating_sub(1)..before(from_s + PART_S + FAR_S);
+    let times_s = inputs.times_s()[rows.clone()].to_vec();
+    let values = rows.flat_map(|k| inputs.row(k)).copied().collect();
     let motion = Motion {
         samples: part(from_s).to_vec(),
         unknown_ns: Vec::new(),
