@@ -152,6 +152,7 @@ fn look_into(session: &Session, progress: &dyn Progress, out: &mut SessionCheck)
         camera.calibration_rms_px = Some(own.residual_rms_px).filter(|rms| *rms > 0.0);
     }
     out.items.extend(rig.notes().map(|text| CheckItem { harm: Harm::Remark, ..CheckItem::of_note(text) }));
+    out.items.extend(control::left_out(&rig));
     out.items.extend(control::look(session, &rig, &mut out.cameras));
     if let Err(error) = sizes_of(session, &rig) {
         let look = Look { session, rig: &rig, part: Part::First, progress };

@@ -9,7 +9,7 @@ use mavsight_identify::{Clocks, IdentifyError, Lag, delayed, far_lag};
 use mavsight_pipeline::{PipelineError, Progress, Solution, identify_motion};
 use mavsight_pose::Motion;
 
-/// Inputs whose times a lag that is given is added to. Within the margin of the fits, their ends are held.
+/// Inputs whose times a lag is added to. Within the margin of the fits, their ends are held.
 ///
 /// # Errors
 /// A lag that leaves none of the inputs within the flight.
@@ -75,8 +75,7 @@ fn far_clock(motion: &mut Motion, recorded: &InputSeries, flight: &Flight<'_>) -
         with_part(part, longest, |part| far_lag(part, recorded, flight.vehicle, table, table.margin_s))
     });
     let far = far.ok()??;
-    let moved = recorded.at_times(|t_s| t_s + far.lag_s).ok()?;
-    Some((far, moved))
+    Some((far, moved_by(far.lag_s, recorded, motion, flight).ok()?))
 }
 
 /// Equation error over what the inputs cover of the motion; of that, over the longest part without a gap.

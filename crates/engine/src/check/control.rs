@@ -26,13 +26,13 @@ pub struct ControlBall {
     pub rgb: [u8; 3],
 }
 
-/// Marks the control points in the stills, and names those that a camera does not see.
+/// Marks the control points in the stills, and names those that a camera does not see and the calibration did not leave out.
 pub(super) fn look(session: &Session, rig: &Rig, cameras: &mut [CameraCheck]) -> Vec<CheckItem> {
     let Ok(table) = session.control_points() else { return Vec::new() };
     if session.file.control.as_ref().is_none_or(|c| c.observations.is_some()) {
         return Vec::new();
     }
-    let mut items: Vec<CheckItem> = rig.left_out.iter().map(|point| left_out(point, rig)).collect();
+    let mut items = Vec::new();
     for (k, (camera, own)) in cameras.iter_mut().zip(&rig.cameras).enumerate() {
         let Some((frame, balls)) = &mut camera.still else { continue };
         for row in &table {
@@ -59,11 +59,13 @@ pub(super) fn look(session: &Session, rig: &Rig, cameras: &mut [CameraCheck]) ->
     items
 }
 
-/// A control point that the calibration left out, and why.
-fn left_out(point: &LeftOut, rig: &Rig) -> CheckItem {
-    let of = point.camera.as_ref();
-    let camera = of.and_then(|name| rig.cameras.iter().position(|own| own.name == *name));
-    CheckItem { camera, ..CheckItem::of_note(format!("Calibration: {point}.")) }
+/// Control points that the calibration left out, and why.
+pub(super) fn left_out(rig: &Rig) -> impl Iterator<Item = CheckItem> {
+    rig.left_out.iter().map(|point| {
+        let of = point.camera.as_ref();
+        let camera = of.and_then(|name| rig.cameras.iter().position(|own| own.name == *name));
+        CheckItem { camera, ..CheckItem::of_note(format!("Calibration: {point}.")) }
+    })
 }
 
 fn seen_by(camera: &Camera, row: &ControlPointRow) -> Option<(Vector2<f64>, f64)> {

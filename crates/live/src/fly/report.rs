@@ -180,8 +180,9 @@ mod tests {
         let mut sent = turn(0.0);
         // Once around, of which the second half is the quaternion of the other sign.
         for step in 1..=12 {
-            let next = continued(turn(f64::from(step) * std::f64::consts::TAU / 12.0), Some(sent));
-            assert!(next.coords.dot(&sent.coords) > 0.9, "step {step}");
+            let own = turn(f64::from(step) * std::f64::consts::TAU / 12.0);
+            let next = continued(own, Some(sent));
+            assert!(next.angle_to(&own) < 1e-9 && next.coords.dot(&sent.coords) > 0.9, "step {step}");
             sent = next;
         }
     }

@@ -5,7 +5,8 @@ use crate::{MotionSample, PoseError, PoseSample};
 
 /// Factors on the intensity of the jerk between which the filter chooses: a manoeuvre exceeds a calm hover by decades.
 const JERK_FACTORS: [f64; 4] = [1.0, 1e1, 1e2, 1e3];
-/// Poses after which a misfit has faded to 1/e: enough to distinguish the factors, few beside a manoeuvre.
+/// Poses after which a misfit has faded to 1/e: thirty coordinates, of which a factor of ten in the jerk changes the likelihood
+/// clearly, and less than a fifth of a second at 30 Hz, in which a manoeuvre begins.
 const REMEMBERED: f64 = 5.0;
 /// Twice the logarithm of the likelihood by which another factor must explain the poses better: the 99.9 % quantile of
 /// chi-square with one degree of freedom.
@@ -39,8 +40,6 @@ impl MotionNoise {
 #[derive(Debug, Clone)]
 pub struct CausalFilter {
     levels: [Level; JERK_FACTORS.len()],
-    /// The level whose motion is given.
-    used: usize,
     gravity_m_s2: f64,
     t_ns: i64,
     seen_ns: i64,
@@ -76,6 +75,8 @@ impl Level {
                 let joint = Joint::start(first, first.systematic_columns(), &self.noise);
                 let update = joint.blank_update();
                 self.state = Some((joint, update));
+                // Its first pose says nothing for it: behind a gap that others cross it has explained none yet.
+                self.misfit = 0.0;
             }
             (Some((joint, update)), seen) => {
                 joint.predict(dt_s, &self.noise);
@@ -108,7 +109,7 @@ impl CausalFilter {
             return Err(PoseError::BadPose { index: 0, what: "the noise or gravity" });
         }
         let levels = JERK_FACTORS.map(|factor| Level::new(&noise, factor));
-        Ok(Self { levels, used: 0, gravity_m_s2, t_ns: i64::MIN, seen_ns: i64::MIN, index: 0 })
+        Ok(Self { levels, gravity_m_s2, t_ns: i64::MIN, seen_ns: i64::MIN, index: 0 })
     }
 
     /// Takes one instant in, measured or not: the motion then, or nothing until the poses say velocity and rates, and half of
@@ -131,10 +132,10 @@ impl CausalFilter {
             self.seen_ns = sample.t_ns;
         }
         let taken = self.levels.each_mut().map(|level| level.take(sample, dt_s, unseen_s));
-        self.choose();
+        let used = self.best_level();
         let unsound = PoseError::BadPose { index: self.index - 1, what: "the filter's covariance" };
-        taken[self.used].ok_or(unsound.clone())?;
-        let level = &mut self.levels[self.used];
+        taken[used].ok_or(unsound.clone())?;
+        let level = &mut self.levels[used];
         let Some((joint, _)) =
             level.state.as_ref().filter(|_| is_seen || unseen_s <= 0.5 * level.longest_gap_s)
         else {
@@ -147,13 +148,13 @@ impl CausalFilter {
         motion.map(|motion| is_of_poses(&motion).then_some(motion)).ok_or(unsound)
     }
 
-    /// Takes the level of the given noise, unless another explains the last poses clearly better.
-    fn choose(&mut self) {
+    /// The level of the given noise, unless another explains the last poses clearly better.
+    fn best_level(&self) -> usize {
         let misfit = |k: usize| {
             let Level { state, misfit, .. } = &self.levels[k];
             if state.is_none() { f64::INFINITY } else { misfit + if k > 0 { DISTINCT } else { 0.0 } }
         };
-        self.used = (0..self.levels.len()).min_by(|a, b| misfit(*a).total_cmp(&misfit(*b))).unwrap_or(0);
+        (0..self.levels.len()).min_by(|a, b| misfit(*a).total_cmp(&misfit(*b))).unwrap_or(0)
     }
 }
 
@@ -338,7 +339,8 @@ mod tests {
             count += 1.0;
         }
         // At once by a third of the weight, the start shows in the poses three instants later.
-        assert!(count > 550.0 && worst < 10.0 && squares / count < 4.0, "{worst}, {}", squares / count);
+        let mean = squares / count;
+        assert!(count > 550.0 && worst < 10.0 && (0.5..4.0).contains(&mean), "{worst}, {mean}");
     }
 
     /// It went on along the last acceleration, and took the first pose afterwards for some turns more.
