@@ -101,18 +101,29 @@ fn aligned(
     align_log(poses, &series).map(|found| (found, series))
 }
 
+/// Standard deviation of an attitude that is not shown: a third of the right angle that is presumed before the flight.
+const UNKNOWN_RAD: f64 = std::f64::consts::FRAC_PI_6;
+
 fn words(found: &LogAlignment, source: &str) -> String {
     let std = |k: usize| found.covariance[(k, k)].sqrt();
     let turn_std_rad = (2..5).map(std).fold(0.0, f64::max);
+    let attitude = if turn_std_rad > UNKNOWN_RAD {
+        "the aircraft turns about one axis alone, about which it does not show how the gyroscope is turned in the body".to_owned()
+    } else {
+        let turned_rad = found.body_from_sensor.angle();
+        format!(
+            "the gyroscope is turned by {:.1} ± {:.1}° in the body",
+            turned_rad.to_degrees(),
+            turn_std_rad.to_degrees()
+        )
+    };
     format!(
         "The log's clock by its gyroscope ({source}): at {:.1} s of the poses it shows {:.4} s ± {:.2} ms, and it gains {:.0} ± {:.0} ppm; \
-         the gyroscope is turned by {:.1} ± {:.1}° in the body. The inputs are on the clock of the poses.",
+         {attitude}. The inputs are on the clock of the poses.",
         found.at_s,
         found.at_s + found.offset_s,
         1e3 * std(0),
         1e6 * found.drift,
-        1e6 * std(1),
-        found.body_from_sensor.angle().to_degrees(),
-        turn_std_rad.to_degrees()
+        1e6 * std(1)
     )
 }

@@ -86,13 +86,20 @@ pub(crate) fn begun_in_flight(
     vehicle: &Vehicle,
 ) -> Option<String> {
     let first = motion.first().filter(|s| moves_before(inputs, vehicle, s.t_ns))?;
-    let further: Vec<&str> = vehicle.model.states.iter().map(|s| s.name.as_str()).collect();
+    let states = &vehicle.model.states;
+    let further: Vec<&str> = states.iter().map(|s| s.name.as_str()).collect();
+    let sizes: Vec<String> = states
+        .iter()
+        .map(|s| format!("{} {}", s.size, s.unit.map_or_else(String::new, |unit| unit.to_string())))
+        .collect();
     (!further.is_empty()).then(|| {
         format!(
             "The inputs move before the first pose at {:.3} s, where equation error takes {} as in trim: its parameters are off. \
-             Give poses from the flight's beginning, or take output error or filter error.",
+             Give poses from the flight's beginning, or take output error or filter error: they let each begin away from trim by its \
+             `size` in the model ({}), which has to be what it is in flight.",
             first.t_ns as f64 * 1e-9,
-            further.join(", ")
+            further.join(", "),
+            sizes.join(", ")
         )
     })
 }

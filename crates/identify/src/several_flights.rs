@@ -79,10 +79,18 @@ fn determined<'a>(flight: &FittedFlight<'a>) -> impl Iterator<Item = (Named, Fli
         })
     });
     let motion = flight.motion.named().flat_map(|(estimator, fit)| {
-        fit.parameters.iter().filter(|p| p.identifiable).map(move |p| {
-            let named = Named { estimator, name: p.name.clone(), unit: p.unit.clone() };
-            (named, FlightEstimate { value: p.value, std: p.std, ci_low: p.ci_low, ci_high: p.ci_high })
-        })
+        let named = move |name: &str, unit: &str| Named { estimator, name: name.into(), unit: unit.into() };
+        let parameters = fit.parameters.iter().filter(|p| p.identifiable).map(move |p| {
+            let estimate =
+                FlightEstimate { value: p.value, std: p.std, ci_low: p.ci_low, ci_high: p.ci_high };
+            (named(&p.name, &p.unit), estimate)
+        });
+        let derived = fit.derived.iter().filter(|d| d.identifiable).map(move |d| {
+            let estimate =
+                FlightEstimate { value: d.value, std: d.std, ci_low: d.ci_low, ci_high: d.ci_high };
+            (named(&d.name, &d.unit), estimate)
+        });
+        parameters.chain(derived)
     });
     equations.chain(motion)
 }

@@ -59,6 +59,15 @@ pub enum InertialError {
         /// And there.
         second: f64,
     },
+    /// Rates in degrees a second.
+    #[error(
+        "the gyroscope's rates are in degrees a second: divided by 57.3 they agree with the turns of the poses (correlation {correlation:.2}), as \
+         they are they do not; give them in rad/s"
+    )]
+    Degrees {
+        /// The correlation of the rates in rad/s.
+        correlation: f64,
+    },
     /// Turns that do not agree anywhere, where the log has no second place to compare with.
     #[error(
         "the turns of the log and of the poses agree by a correlation of {correlation:.2}, which is chance: is this the log of the flight?"

@@ -3,8 +3,8 @@
 use mavsight_flight::Vehicle;
 use mavsight_geometry::Vector2;
 use mavsight_pipeline::{
-    CameraTiming, Finding, FlightAssociator, Lookahead, PRESUMED_INTERVAL_S, PipelineError, Synchronizer,
-    usual_interval_ns,
+    CameraTiming, Finding, FlightAssociator, FrameTime, Lookahead, PRESUMED_INTERVAL_S, PipelineError, Push,
+    PushWatch, Synchronizer, usual_interval_ns,
 };
 use mavsight_pose::{Association, CameraClock, MovedCamera, Rig, TrackedDetection};
 
@@ -46,6 +46,9 @@ pub struct LivePipeline {
     waiting: Vec<WaitingFrame>,
     synchronizer: Option<Synchronizer>,
     associator: FlightAssociator,
+    pushes: PushWatch,
+    /// Cameras that were pushed, until the instant from which on that is known.
+    pushed: Vec<Push>,
 }
 
 impl LivePipeline {
@@ -71,13 +74,15 @@ impl LivePipeline {
             waiting: Vec::new(),
             synchronizer: None,
             associator,
+            pushes: PushWatch::new(rig.cameras.len(), vehicle),
+            pushed: Vec::new(),
         })
     }
 
     /// Adds the detections of a frame. The first frames are kept until the rate of each camera is known.
     pub fn push(&mut self, camera: usize, stamp_ns: i64, detections: &[TrackedDetection]) {
-        if let Some(synchronizer) = &mut self.synchronizer {
-            synchronizer.push(camera, stamp_ns, detections);
+        if self.has_begun() {
+            self.join(camera, stamp_ns, detections);
         } else if camera < self.cameras.len() {
             self.waiting.push(WaitingFrame { camera, stamp_ns, detections: detections.to_vec() });
             if self.is_ready() || self.stamps_ns(camera).count() >= MOST_KEPT {
@@ -111,10 +116,20 @@ impl LivePipeline {
         }
         let mut frames = std::mem::take(&mut self.waiting);
         frames.sort_by_key(|f| (self.time_ns(f.camera, f.stamp_ns), f.camera));
-        for WaitingFrame { camera, stamp_ns, detections } in frames {
-            synchronizer.push(camera, stamp_ns, &detections);
-        }
         self.synchronizer = Some(synchronizer);
+        for WaitingFrame { camera, stamp_ns, detections } in frames {
+            self.join(camera, stamp_ns, &detections);
+        }
+    }
+
+    fn join(&mut self, camera: usize, stamp_ns: i64, detections: &[TrackedDetection]) {
+        if let Some(synchronizer) = &mut self.synchronizer {
+            synchronizer.push(camera, stamp_ns, detections);
+        }
+        let Some(timing) = self.cameras.get(camera) else { return };
+        let (t_ns, interval_ns) = (timing.clock.time_ns(stamp_ns), (1e9 * timing.interval_s) as i64);
+        let time = FrameTime { stamp_ns, t_ns, interval_ns };
+        self.pushed.extend(self.pushes.take(camera, time, detections));
     }
 
     /// Whether the join has begun.
@@ -174,8 +189,13 @@ impl LivePipeline {
     /// The next complete instant.
     pub fn next_instant(&mut self) -> Option<InstantEstimate<'_>> {
         let (t_ns, seen) = self.synchronizer.as_mut()?.next_instant()?;
+        for push in self.pushed.extract_if(.., |push| push.known_ns <= t_ns) {
+            self.associator.leave_out(&push);
+        }
         let association = self.associator.associate(t_ns, seen);
-        let stale = (0..self.cameras.len()).filter(|c| self.associator.is_stale(*c)).collect();
+        let stale: Vec<usize> = (0..self.cameras.len()).filter(|c| self.associator.is_stale(*c)).collect();
+        // An image that stood jumps when it goes on.
+        stale.iter().for_each(|camera| self.pushes.forget(*camera));
         let moved = self.associator.moved_cameras();
         Some(InstantEstimate { t_ns, seen, association, moved, stale })
     }

@@ -3,12 +3,13 @@
 #[allow(dead_code)]
 #[path = "flights/common.rs"]
 mod common;
+#[path = "flights/detections.rs"]
+mod detections;
 
 use common::{pose, rig};
+use detections::detections;
 use mavsight_flight::Vehicle;
-use mavsight_geometry::{Matrix2, Point3, Vector3};
 use mavsight_live::LivePipeline;
-use mavsight_pose::{Rig, TrackedDetection};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use std::alloc::System;
 
@@ -19,29 +20,6 @@ static COUNTED: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 const WARM: i64 = 120;
 const COUNT: i64 = 240;
 
-/// The balls where they are, a little off so that residuals are not zero.
-fn detections(rig: &Rig, vehicle: &Vehicle, index: usize, stamp_ns: i64) -> Vec<TrackedDetection> {
-    let (camera, at) = (&rig.cameras[index].camera, pose(stamp_ns as f64 * 1e-9));
-    let of = |(k, ball): (usize, &mavsight_flight::Marker)| {
-        let centre = (at * Point3::from(Vector3::from(ball.position_m))).coords;
-        let seen = camera.project_ball(&centre, 0.5 * ball.diameter_m).expect("in view").pixel;
-        let depth_m = (camera.cam_from_world * Point3::from(centre)).z;
-        let off_px = 0.03 * ((stamp_ns / 1000 * (k as i64 + 3)) as f64).sin();
-        TrackedDetection {
-            t_ns: stamp_ns,
-            camera: index,
-            track_id: k as u32,
-            color: k,
-            pixel: seen.add_scalar(off_px),
-            covariance_px2: Matrix2::identity() * 1e-3,
-            diameter_px: camera.intrinsics.fx_px * ball.diameter_m / depth_m,
-            is_static: false,
-            is_preferred: true,
-        }
-    };
-    vehicle.marker.iter().enumerate().map(of).collect()
-}
-
 #[test]
 fn an_instant_allocates_its_pose_and_leaves_nothing_behind() {
     let (rig, vehicle) = (rig(), Vehicle::paper());
@@ -49,7 +27,9 @@ fn an_instant_allocates_its_pose_and_leaves_nothing_behind() {
     let (mut counts, mut measured, mut kept_bytes) = (Vec::new(), 0, 0);
     for k in 0..WARM + COUNT {
         let stamp_ns = k * 16_666_667;
-        let seen: Vec<_> = (0..2).map(|c| detections(&rig, &vehicle, c, stamp_ns)).collect();
+        let seen: Vec<_> = (0..2)
+            .map(|c| detections((&rig, &vehicle), c, stamp_ns, &pose(stamp_ns as f64 * 1e-9)))
+            .collect();
         let region = Region::new(COUNTED);
         for (camera, seen) in seen.iter().enumerate() {
             pipeline.push(camera, stamp_ns, seen);
@@ -68,6 +48,6 @@ fn an_instant_allocates_its_pose_and_leaves_nothing_behind() {
     counts.sort_unstable();
     let (median, most) = (counts[counts.len() / 2], counts[counts.len() - 1]);
     println!("{median} allocations an instant, {most} at most; {kept_bytes} bytes kept of {COUNT} instants");
-    assert!(most <= 12, "{most} allocations an instant");
+    assert!(most <= 14, "{most} allocations an instant");
     assert!(kept_bytes.abs() < 4096, "{kept_bytes} bytes");
 }

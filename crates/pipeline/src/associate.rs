@@ -3,6 +3,7 @@
 use crate::health;
 use crate::markers::{MARKERS_STD_M, MarkerColors, body_markers};
 use crate::misfit::{self, ClockEvidence, MovingDecoy, MovingDecoys, ObservationSample};
+use crate::pushed::Push;
 use crate::tracked::Tracked;
 use crate::watch::{CameraWatch, standing};
 use crate::{Cause, Finding, PipelineError};
@@ -168,6 +169,11 @@ impl FlightAssociator {
     /// goes on cannot be waited for.
     pub fn let_cameras_return(&mut self) {
         self.associator.let_cameras_return();
+    }
+
+    /// Leaves out a camera that was pushed, until it fits again where cameras may return.
+    pub fn leave_out(&mut self, push: &Push) {
+        self.associator.leave_out_moved(push.camera, push.t_ns, push.shift_px);
     }
 
     /// Whether a camera repeats an image from before the body moved on; it takes no part until it shows another.

@@ -48,6 +48,7 @@ pub use feed::{CameraFeed, Clap, Frames, TimedFrame, usual_interval_ns};
 pub use health::{CameraHealth, CentreQuality, MarkerHealth};
 pub use markers::{MARKERS_STD_M, body_markers};
 pub use progress::{NoProgress, Progress, Stage};
+pub use pushed::{FrameTime, Push, PushWatch};
 pub use reconstruct::reconstruct;
 pub use refine::{Diameter, RefinedBody, Refinement, refine};
 pub use sharpness::edge_px as picture_edge_px;

@@ -4,42 +4,25 @@
 //! two curves that meet. Where they do not in one camera, and do in the others, that camera was pushed. It takes no pose, and
 //! finds which of two cameras it was, which what both see together does not show.
 
-use crate::clock_step::{DECISIVE, OUT_OF_BEAT};
+use crate::clock_step::DECISIVE;
 use crate::markers::MarkerColors;
-use crate::stream::{StoredDetection, Stream};
+use crate::stream::Stream;
 use crate::{Cause, Finding};
-use mavsight_geometry::{Matrix2, Matrix3, Vector2, Vector3};
 use mavsight_pose::LONGEST_APART_NS;
-use nalgebra::{Matrix3x2, Matrix6, Matrix6x2, Vector6};
 use std::collections::VecDeque;
+use step::{LONGEST, LoneBalls, WINDOWS, step_before};
 
-/// Frames on either side through which parabolas are laid: the fewest that show whether one fits, and more, by which less is
-/// found where the motion is slow.
-const WINDOWS: [usize; 3] = [5, 8, 12];
-const LONGEST: usize = WINDOWS[2];
+mod live;
+mod step;
 
-/// Frames of one side in which a ball has to be seen: one more than a parabola has coefficients.
-const LEAST_FRAMES: usize = 4;
+pub use live::{FrameTime, Push, PushWatch};
 
 /// Steps of two cameras are of one time where they are within this many intervals: what happens between frames shows in the next
 /// one of each, which are up to one interval apart; half of one is for uneven stamps.
 const TOGETHER_INTERVALS: f64 = 1.5;
 
-/// Balls that have to step together.
-const LEAST_BALLS: usize = 3;
-
 /// Probability that noise alone steps as clearly anywhere in a recording, in which a camera is then taken for pushed.
 const BY_CHANCE: f64 = 1e-3;
-
-/// Two estimates of a step that agree, by chi-square of two degrees of freedom at 99.9 %.
-const AGREE: f64 = 13.8;
-
-/// The balls of a frame that are the only ones of their colour, as the only markers of it.
-struct LoneBalls {
-    stamp_ns: i64,
-    /// By colour: place and variance of a coordinate.
-    balls: Vec<Option<(Vector2<f64>, f64)>>,
-}
 
 /// A step of a camera's images before a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -53,7 +36,7 @@ struct Step {
 
 /// Leaves out what cameras filmed after they were pushed, and says which.
 pub(crate) fn leave_out(streams: &mut [Stream], colors: &MarkerColors) -> Vec<Finding> {
-    let stepped = least_square(streams);
+    let stepped = least_square(streams.iter().map(|s| s.stamps_ns.len()).sum());
     let rival = stepped - DECISIVE;
     let all: Vec<Vec<Step>> = streams.iter().map(|s| steps(s, colors, rival)).collect();
     let mut findings = Vec::new();
@@ -88,8 +71,7 @@ pub(crate) fn leave_out(streams: &mut [Stream], colors: &MarkerColors) -> Vec<Fi
 
 /// Square of a step, in standard deviations, that is none by chance: the quantile of chi-square of two degrees of freedom,
 /// for as many steps as a recording has frames and windows (Bonferroni).
-fn least_square(streams: &[Stream]) -> f64 {
-    let frames: usize = streams.iter().map(|s| s.stamps_ns.len()).sum();
+fn least_square(frames: usize) -> f64 {
     2.0 * ((frames.max(1) * WINDOWS.len()) as f64 / BY_CHANCE).ln()
 }
 
@@ -102,7 +84,7 @@ fn steps(stream: &Stream, colors: &MarkerColors, least: f64) -> Vec<Step> {
             continue;
         }
         let near = &all[frame.saturating_sub(2 * LONGEST)..all.len().min(frame + 2 * LONGEST)];
-        let square = f64::from(*square) / usual(near);
+        let square = f64::from(*square) / usual(near.iter().map(|step| step.1));
         let t_ns = stream.clock.clock.time_ns(stream.stamps_ns[frame]);
         let step = Step { frame, t_ns, by_px: f64::from(*by_px), square };
         match out.last_mut() {
@@ -119,8 +101,8 @@ fn steps(stream: &Stream, colors: &MarkerColors, least: f64) -> Vec<Step> {
 }
 
 /// What the squares of steps are usually, in parts of what noise makes of them: more where the motion is no parabola.
-fn usual(near: &[(f32, f32)]) -> f64 {
-    let mut squares: Vec<f32> = near.iter().map(|s| s.1).filter(|s| *s > 0.0).collect();
+fn usual(near: impl Iterator<Item = f32>) -> f64 {
+    let mut squares: Vec<f32> = near.filter(|square| *square > 0.0).collect();
     squares.sort_by(f32::total_cmp);
     // The median of chi-square of two degrees of freedom is 2 ln 2.
     let median = squares.get(squares.len() / 2).copied().unwrap_or_default();
@@ -133,8 +115,8 @@ fn all_steps(stream: &Stream, counts: &[usize], least: f64) -> Vec<(f32, f32)> {
     let mut near: VecDeque<LoneBalls> = VecDeque::with_capacity(2 * LONGEST + 2);
     let mut out = vec![(0.0, 0.0); stream.stamps_ns.len()];
     let mut add = |near: &VecDeque<LoneBalls>, at: usize, first: usize| {
-        if let Some((by_px, square)) = step_before(near, at, interval_ns, least) {
-            out[first + at] = (by_px as f32, square as f32);
+        if let Some(step) = step_before(near, at, interval_ns, least) {
+            out[first + at] = (step.by_px.norm() as f32, step.square as f32);
         }
     };
     // The frame in the middle has as many before it as after it; at the ends there are fewer.
@@ -145,7 +127,9 @@ fn all_steps(stream: &Stream, counts: &[usize], least: f64) -> Vec<(f32, f32)> {
             near.pop_front();
             first += 1;
         }
-        near.push_back(LoneBalls { stamp_ns, balls: lone(seen, counts) });
+        let mut balls = LoneBalls::default();
+        balls.take(stamp_ns, seen.iter().map(|s| (s.color(), s.pixel, s.variance_px2())), counts);
+        near.push_back(balls);
         if near.len() == 2 * middle {
             let from = if first == 0 { 1 } else { middle };
             (from..=middle).for_each(|at| add(&near, at, first));
@@ -156,189 +140,12 @@ fn all_steps(stream: &Stream, counts: &[usize], least: f64) -> Vec<(f32, f32)> {
     out
 }
 
-fn lone(seen: &[StoredDetection], counts: &[usize]) -> Vec<Option<(Vector2<f64>, f64)>> {
-    let of_color = |(color, markers): (usize, &usize)| {
-        let mut own = seen.iter().filter(|s| s.color() == color);
-        let one = own.next().filter(|_| *markers == 1)?;
-        own.next().is_none().then(|| (one.pixel, one.variance_px2()))
-    };
-    counts.iter().enumerate().map(of_color).collect()
-}
-
-/// By how much the images step before a frame, and the square of that in standard deviations. `None` where frames are missing
-/// or their clock is out of its beat, and where without the two frames beside it no step is left: tried where the square is at
-/// least so large.
-fn step_before(frames: &VecDeque<LoneBalls>, at: usize, interval_ns: f64, least: f64) -> Option<(f64, f64)> {
-    let beats = (frames[at].stamp_ns - frames[at - 1].stamp_ns) as f64 / interval_ns;
-    if (beats - 1.0).abs() > OUT_OF_BEAT {
-        return None;
-    }
-    let between = Between { frames, at, interval_ns };
-    let shortest = between.step(WINDOWS[0], 0)?;
-    let fits = WINDOWS.iter().filter(|window| **window < at && at + **window < frames.len());
-    let all = fits.filter_map(|window| Some((*window, between.step(*window, 0)?)));
-    let fitting = all.filter(|(_, step)| step.agrees_with(&shortest));
-    let (window, best) = fitting.max_by(|a, b| a.1.square().total_cmp(&b.1.square()))?;
-    if best.square() < least {
-        return Some((best.by_px.norm(), best.square()));
-    }
-    // Of two frames that have each other's time stamps nothing is left without them, of a push all: it is nearer to that.
-    let without = between.step(window + 1, 1)?;
-    let is_left = without.by_px.dot(&best.by_px) > 0.5 * best.by_px.norm_squared();
-    let is_bend = between.worse_if_smooth(window)? < DECISIVE * best.scale;
-    (is_left && !is_bend).then(|| (best.by_px.norm(), best.square()))
-}
-
-/// What lies between two frames.
-struct Between<'a> {
-    frames: &'a VecDeque<LoneBalls>,
-    at: usize,
-    interval_ns: f64,
-}
-
-/// A step of several balls together.
-struct CommonStep {
-    by_px: Vector2<f64>,
-    variance_px2: f64,
-    /// By how much the parabolas, or what the balls have in common, fit worse than noise explains.
-    scale: f64,
-}
-
-impl CommonStep {
-    fn square(&self) -> f64 {
-        self.by_px.norm_squared() / (self.variance_px2 * self.scale)
-    }
-
-    /// Whether an estimate of less precision is the same.
-    fn agrees_with(&self, other: &Self) -> bool {
-        (self.by_px - other.by_px).norm_squared() <= AGREE * other.variance_px2 * other.scale
-    }
-}
-
-/// A parabola through a ball's places, over times in frames.
-struct Curve {
-    /// By power.
-    coefficients: Matrix3x2<f64>,
-    covariance: Matrix3<f64>,
-    /// Residuals, whitened.
-    squares: Matrix2<f64>,
-    /// Of each coordinate.
-    degrees: f64,
-}
-
-impl Between<'_> {
-    /// The step by so many frames on either side, less the nearest ones; each ball is weighted by what its curves determine.
-    fn step(&self, window: usize, skipped: usize) -> Option<CommonStep> {
-        if self.at < window || self.at + window > self.frames.len() {
-            return None;
-        }
-        let curves: Vec<[Curve; 2]> = (0..self.frames[self.at].balls.len())
-            .filter_map(|color| {
-                let before = self.curve(color, self.at - window..self.at - skipped)?;
-                Some([before, self.curve(color, self.at + skipped..self.at + window)?])
-            })
-            .collect();
-        if curves.len() < LEAST_BALLS {
-            return None;
-        }
-        // What is struck turns off between the frames, somewhere.
-        let (by_px, _, _) = common(&curves, Vector3::x());
-        let (turn_px, _, _) = common(&curves, Vector3::y());
-        let struck = -by_px.dot(&turn_px) / turn_px.norm_squared().max(f64::MIN_POSITIVE);
-        let at = struck.clamp(-0.5, 0.5);
-        let (by_px, variance_px2, apart) = common(&curves, Vector3::new(1.0, at, at * at));
-        let along = by_px.normalize();
-        let own = || curves.iter().flatten();
-        let squares: f64 = own().map(|c| along.dot(&(c.squares * along))).sum();
-        let degrees: f64 = own().map(|c| c.degrees).sum();
-        let scale = (squares / degrees).max(apart).max(1.0);
-        Some(CommonStep { by_px, variance_px2, scale })
-    }
-
-    /// By how much more polynomials of as many coefficients as two parabolas, each through a ball's places on both sides, leave of
-    /// them: little where the motion bends and no camera was pushed.
-    fn worse_if_smooth(&self, window: usize) -> Option<f64> {
-        let frames = self.at - window..self.at + window;
-        let mut worse = 0.0;
-        for color in 0..self.frames[self.at].balls.len() {
-            let parabolas = [frames.start..self.at, self.at..frames.end].map(|side| self.curve(color, side));
-            if let [Some(before), Some(after)] = parabolas {
-                let smooth = self.smooth_squares(color, frames.clone(), window as f64)?;
-                worse += smooth - (before.squares + after.squares).trace();
-            }
-        }
-        Some(worse)
-    }
-
-    /// Whitened squares of what a polynomial of the fifth degree leaves of a ball's places, over times in parts of so many frames.
-    fn smooth_squares(&self, color: usize, frames: std::ops::Range<usize>, span: f64) -> Option<f64> {
-        let (mut normal, mut right, mut squares) = (Matrix6::zeros(), Matrix6x2::zeros(), 0.0);
-        let mut origin_px = None;
-        for frame in frames.map(|k| &self.frames[k]) {
-            let Some((pixel, variance_px2)) = frame.balls[color] else { continue };
-            let time = (frame.stamp_ns - self.frames[self.at].stamp_ns) as f64 / (self.interval_ns * span);
-            let powers = Vector6::from_fn(|k, _| time.powi(k as i32));
-            let by_px = pixel - *origin_px.get_or_insert(pixel);
-            normal += powers * powers.transpose() / variance_px2;
-            right += powers * by_px.transpose() / variance_px2;
-            squares += by_px.norm_squared() / variance_px2;
-        }
-        Some(squares - (normal.cholesky()?.solve(&right)).dot(&right))
-    }
-
-    /// The parabola through a ball's places in some frames, by weighted least squares, over times from the middle of the two.
-    fn curve(&self, color: usize, frames: std::ops::Range<usize>) -> Option<Curve> {
-        let (before_ns, after_ns) = (self.frames[self.at - 1].stamp_ns, self.frames[self.at].stamp_ns);
-        let middle_ns = before_ns + (after_ns - before_ns) / 2;
-        let seen = || {
-            let own = frames.clone().map(|k| &self.frames[k]);
-            own.filter_map(|f| {
-                let beats = (f.stamp_ns - middle_ns) as f64 / self.interval_ns;
-                f.balls[color].map(|(pixel, variance_px2)| (beats, pixel, variance_px2))
-            })
-        };
-        let (_, origin_px, _) = seen().next()?;
-        let (mut normal, mut right) = (Matrix3::zeros(), Matrix3x2::zeros());
-        let (mut squares, mut count) = (Matrix2::zeros(), 0);
-        for (beats, pixel, variance_px2) in seen() {
-            let (powers, by_px) = (Vector3::new(1.0, beats, beats * beats), pixel - origin_px);
-            normal += powers * powers.transpose() / variance_px2;
-            right += powers * by_px.transpose() / variance_px2;
-            squares += by_px * by_px.transpose() / variance_px2;
-            count += 1;
-        }
-        if count < LEAST_FRAMES {
-            return None;
-        }
-        let covariance = normal.cholesky()?.inverse();
-        let mut coefficients = covariance * right;
-        let squares = squares - coefficients.transpose() * right;
-        coefficients.set_row(0, &(coefficients.row(0) + origin_px.transpose()));
-        Some(Curve { coefficients, covariance, squares, degrees: (count + 1 - LEAST_FRAMES) as f64 })
-    }
-}
-
-/// The common difference of curves behind and before, of the value that a row makes of their coefficients: its weighted mean,
-/// the variance of that, and the mean square of the balls about it in parts of what noise explains.
-fn common(curves: &[[Curve; 2]], row: Vector3<f64>) -> (Vector2<f64>, f64, f64) {
-    let differences: Vec<(Vector2<f64>, f64)> = curves
-        .iter()
-        .map(|[before, after]| {
-            let by = (after.coefficients - before.coefficients).transpose() * row;
-            (by, row.dot(&((after.covariance + before.covariance) * row)))
-        })
-        .collect();
-    let weight: f64 = differences.iter().map(|(_, variance)| 1.0 / variance).sum();
-    let mean = differences.iter().map(|(by, variance)| by / *variance).sum::<Vector2<f64>>() / weight;
-    let apart: f64 = differences.iter().map(|(by, variance)| (by - mean).norm_squared() / variance).sum();
-    (mean, 1.0 / weight, apart / (2.0 * (differences.len().max(2) - 1) as f64))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::testing::{rig, stream, with_frames};
     use mavsight_flight::Vehicle;
+    use mavsight_geometry::Vector2;
     use mavsight_pose::CameraClock;
 
     fn streams(cameras: usize) -> Vec<Stream> {

@@ -67,9 +67,9 @@ impl Estimates {
             own.by.push((k, Estimate { value: p.value, std: p.std, interval, is_determined }));
         }
         for d in &fit.derived {
-            let interval = (d.ci_low, d.ci_high);
+            let (interval, is_determined) = ((d.ci_low, d.ci_high), d.identifiable);
             let own = self.parameter(&d.name, &d.unit, true);
-            own.by.push((k, Estimate { value: d.value, std: d.std, interval, is_determined: true }));
+            own.by.push((k, Estimate { value: d.value, std: d.std, interval, is_determined }));
         }
     }
 

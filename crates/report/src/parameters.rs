@@ -90,7 +90,8 @@ pub(crate) fn motion_rows(fit: &OutputErrorFit) -> impl Iterator<Item = Vec<Stri
         cells(with_unit(&p.name, &p.unit), [p.value, p.std, p.ci_low, p.ci_high].map(Some), verdict)
     });
     let derived = fit.derived.iter().map(|d| {
-        cells(with_unit(&d.name, &d.unit), [d.value, d.std, d.ci_low, d.ci_high].map(Some), "derived")
+        let verdict = if d.identifiable { "derived" } else { "hardly determined" };
+        cells(with_unit(&d.name, &d.unit), [d.value, d.std, d.ci_low, d.ci_high].map(Some), verdict)
     });
     parameters.chain(derived)
 }

@@ -91,7 +91,9 @@ impl FlightFits {
             )
         });
         for fit in [&mut self.poses, &mut self.image].into_iter().flatten() {
-            fit.parameters.iter_mut().for_each(|p| p.identifiable &= !is_contradicted && late.is_none());
+            if is_contradicted || late.is_some() {
+                fit.withhold();
+            }
             fit.notes.splice(0..0, words.iter().cloned());
         }
         let refuted = worse_by.map(|by| {
@@ -102,7 +104,7 @@ impl FlightFits {
         });
         let Some(filter) = &mut self.filter else { return };
         for why in late.into_iter().chain(refuted) {
-            filter.parameters.iter_mut().for_each(|p| p.identifiable = false);
+            filter.withhold();
             filter.notes.insert(0, why);
         }
     }

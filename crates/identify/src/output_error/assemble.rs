@@ -145,7 +145,7 @@ fn derived(fitter: &Fitter<'_>, covariance: &DMatrix<f64>, t: f64) -> Vec<Derive
         let std = slopes.dot(&(&own * &slopes)).max(0.0).sqrt();
         let unit = d.unit.filter(|unit| *unit != Unit::ONE).map_or_else(String::new, |unit| unit.to_string());
         let (ci_low, ci_high) = (value - t * std, value + t * std);
-        DerivedQuantity { name: d.name.clone(), unit, value, std, ci_low, ci_high }
+        DerivedQuantity { name: d.name.clone(), unit, value, std, ci_low, ci_high, identifiable: true }
     };
     let all = model.model().derived.iter().zip(values).map(quantity);
     all.filter(|d| d.value.is_finite() && d.std > 0.0 && d.std.is_finite()).collect()

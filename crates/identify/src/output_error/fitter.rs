@@ -119,11 +119,7 @@ impl<'a> Fitter<'a> {
         };
         let problem = Shooting {
             inputs: inputs.clone(),
-            equations: if measurements.have_sensors() {
-                Equations::with_sensors(&model)
-            } else {
-                Equations::new(&model)
-            },
+            equations: Equations::of(&model, measurements),
             measurements,
             hold_nonlinear: false,
             longest_step_s: LONGEST_STEP_S[0],

@@ -188,7 +188,7 @@ impl FlightFits {
             model = found.extended(model)?;
         }
         let fit = |estimate: Estimate, measured: &Measurements| {
-            with_clock(&model, options.clock, |model| estimate(model, inputs, measured, &defaults))
+            fitted_with_clock(&model, options.clock, |model| estimate(model, inputs, measured, &defaults))
         };
         let free = OutputErrorOptions { initial: InitialStates::Free, ..defaults };
         let ask =
@@ -249,17 +249,42 @@ pub(super) fn with_clock<T>(
     clock: InputClock,
     fit: impl Fn(&FlightModel) -> Result<T, IdentifyError>,
 ) -> Result<T, IdentifyError> {
+    with_lag_or_why(model, clock, fit).map(|(found, _)| found)
+}
+
+/// [`with_clock`] of a fit that says so in its notes where its lag was to be free and could not be.
+pub(super) fn fitted_with_clock(
+    model: &FlightModel,
+    clock: InputClock,
+    fit: impl Fn(&FlightModel) -> Result<OutputErrorFit, IdentifyError>,
+) -> Result<OutputErrorFit, IdentifyError> {
+    let (mut found, held) = with_lag_or_why(model, clock, fit)?;
+    if let Some(IdentifyError::FitNotConverged { .. }) = held {
+        found.notes.push(format!(
+            "The fit with the lag of the inputs free did not converge: the lag is held at {:.1} ms, and no interval includes what is \
+             not known of it.",
+            1e3 * model.input_lag_s
+        ));
+    }
+    Ok(found)
+}
+
+fn with_lag_or_why<T>(
+    model: &FlightModel,
+    clock: InputClock,
+    fit: impl Fn(&FlightModel) -> Result<T, IdentifyError>,
+) -> Result<(T, Option<IdentifyError>), IdentifyError> {
     if clock == InputClock::Known {
-        return fit(model);
+        return Ok((fit(model)?, None));
     }
     match fit(&model.clone().with_free_lag()) {
         // Shifted times may lie outside the inputs, or the inputs may move too little to determine the lag.
         Err(
-            IdentifyError::NotDetermined { .. }
+            why @ (IdentifyError::NotDetermined { .. }
             | IdentifyError::Flight(_)
-            | IdentifyError::FitNotConverged { .. },
-        ) => fit(model),
-        fitted => fitted,
+            | IdentifyError::FitNotConverged { .. }),
+        ) => Ok((fit(model)?, Some(why))),
+        fitted => Ok((fitted?, None)),
     }
 }
 

@@ -1,6 +1,6 @@
 //! Output error and filter error on a log alone: sensors of the aircraft without a camera.
 
-use super::flight::{Estimate, FlightFitOptions, FlightFits, InputClock, with_clock};
+use super::flight::{Estimate, FlightFitOptions, FlightFits, InputClock, fitted_with_clock};
 use super::measure::{LeftOut, Measurements, StateMeasurement};
 use super::model::{Equations, FlightModel};
 use super::shooting::LONGEST_GAP_S;
@@ -62,7 +62,7 @@ impl FlightFits {
         for (what, is_wanted, estimate, fit) in estimates {
             if is_wanted {
                 let fitted = |model: &FlightModel| estimate(model, inputs, &measured, &defaults);
-                *fit = with_clock(&model, options.clock, fitted)
+                *fit = fitted_with_clock(&model, options.clock, fitted)
                     .map_err(|why| out.refusals.push(format!("No {what} from the log: {why}")))
                     .ok();
             }

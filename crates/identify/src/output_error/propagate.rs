@@ -37,7 +37,14 @@ pub(crate) struct Raster<'a> {
 impl Raster<'_> {
     /// The row of the inputs that acts from a time on.
     pub(crate) fn input_at(&self, t_s: f64) -> usize {
-        self.inputs.times_s().partition_point(|row_s| row_s + self.lag_s <= t_s + ROUNDING_S).max(1) - 1
+        let rows_s = self.inputs.times_s();
+        rows_s.partition_point(|row_s| self.ahead_s(*row_s, t_s) <= ROUNDING_S).max(1) - 1
+    }
+
+    /// By how much a row of the inputs acts after a time: the times are subtracted first, as times of day are so large that
+    /// a lag that is added to one is rounded, and a fit would find no slope along it.
+    fn ahead_s(&self, row_s: f64, t_s: f64) -> f64 {
+        (row_s - t_s) + self.lag_s
     }
 
     /// Steps from one time to another that end at every change of the inputs and at every instant.
@@ -47,12 +54,13 @@ impl Raster<'_> {
         let mut input = self.input_at(from_s);
         let mut ahead = instants.peekable();
         let mut out = Vec::new();
-        let mut now_s = from_s;
-        while now_s < to_s - ROUNDING_S {
+        let length_s = to_s - from_s;
+        let mut now_s = 0.0;
+        while now_s < length_s - ROUNDING_S {
             let next = self.inputs.times_s().get(input + 1);
-            let change_s = next.map_or(f64::INFINITY, |row_s| row_s + self.lag_s);
-            let instant_s = ahead.peek().map_or(f64::INFINITY, |k| self.times_s[*k]);
-            let end_s = change_s.min(instant_s).min(to_s);
+            let change_s = next.map_or(f64::INFINITY, |row_s| self.ahead_s(*row_s, from_s));
+            let instant_s = ahead.peek().map_or(f64::INFINITY, |k| self.times_s[*k] - from_s);
+            let end_s = change_s.min(instant_s).min(length_s);
             let count = ((end_s - now_s) / self.longest_s).ceil().max(1.0);
             let step = Step { h_s: (end_s - now_s) / count, input, changes_to: None, instant: None };
             out.extend(std::iter::repeat_n(step, count as usize - 1));

@@ -46,6 +46,8 @@ pub struct DerivedQuantity {
     pub ci_low: f64,
     /// 95 % interval, to.
     pub ci_high: f64,
+    /// Whether it may be used: not where nothing of the fit may be.
+    pub identifiable: bool,
 }
 
 /// Correlated errors of the measurements: part of each channel's variance has the autocorrelation
@@ -116,6 +118,12 @@ pub struct OutputErrorFit {
 }
 
 impl OutputErrorFit {
+    /// Leaves nothing of the fit to be used: neither parameters nor what is derived from them.
+    pub(super) fn withhold(&mut self) {
+        self.parameters.iter_mut().for_each(|p| p.identifiable = false);
+        self.derived.iter_mut().for_each(|d| d.identifiable = false);
+    }
+
     /// The model that was fitted with the estimates, none of which is free any more.
     ///
     /// # Errors

@@ -10,6 +10,7 @@ use mavsight_geometry::{Matrix3, UnitQuaternion, Vector3};
 pub(super) struct Start {
     pub(super) offset_s: f64,
     pub(super) body_from_sensor: UnitQuaternion<f64>,
+    correlation: f64,
 }
 
 /// Mean rates are compared over at least this, so that errors of single poses weigh little; an aircraft's turns take longer.
@@ -43,8 +44,22 @@ struct Correlated {
 /// The place of the largest correlation.
 ///
 /// # Errors
-/// [`InertialError::TooLong`], [`InertialError::TooFewPoses`], [`InertialError::TooQuiet`], [`InertialError::NoAgreement`].
+/// [`InertialError::TooLong`], [`InertialError::TooFewPoses`], [`InertialError::TooQuiet`], [`InertialError::NoAgreement`];
+/// [`InertialError::Degrees`] where rates in other units have a place and these have none.
 pub(super) fn find(turns: &[PoseTurn], gyroscope: &GyroscopeSeries) -> Result<Start, InertialError> {
+    let why = match find_place(turns, gyroscope) {
+        Err(why @ (InertialError::TooQuiet { .. } | InertialError::NoAgreement { .. })) => why,
+        found => return found,
+    };
+    let in_rad_s = gyroscope.rates_rad_s().iter().map(|rate| rate.map(f64::to_radians)).collect();
+    let other = GyroscopeSeries::new(gyroscope.times_ns().to_vec(), in_rad_s)?;
+    match find_place(turns, &other) {
+        Ok(Start { correlation, .. }) => Err(InertialError::Degrees { correlation }),
+        Err(_) => Err(why),
+    }
+}
+
+fn find_place(turns: &[PoseTurn], gyroscope: &GyroscopeSeries) -> Result<Start, InertialError> {
     let times = gyroscope.times_ns();
     let span_s = times[0].abs_diff(times[times.len() - 1]) as f64 * 1e-9;
     if span_s > LONGEST_LOG_S {
@@ -82,7 +97,8 @@ pub(super) fn find(turns: &[PoseTurn], gyroscope: &GyroscopeSeries) -> Result<St
             second: other.correlation,
         });
     }
-    Ok(Start { offset_s: best.offset_s, body_from_sensor: best.body_from_sensor })
+    let Correlated { offset_s, correlation, body_from_sensor, .. } = *best;
+    Ok(Start { offset_s, body_from_sensor, correlation })
 }
 
 fn mean_rates(turns: &[PoseTurn]) -> Vec<MeanRate> {

@@ -1,5 +1,6 @@
 //! What is known from the instants before: the pose, the noise, and whether the cameras stand still.
 
+use super::associator::DECISIVE_LOG_ODDS;
 use super::stillness::Repeated;
 use crate::estimate::CLAIM_DEGREES;
 use crate::reprojection::moved;
@@ -214,6 +215,8 @@ const FITTING: f64 = 1.5;
 struct Fitting {
     instants: u32,
     squares: f64,
+    /// Logarithm of the odds that it is not shifted any more as it was found to be.
+    log_odds: f64,
 }
 
 /// What is known of the cameras' standing still.
@@ -287,26 +290,30 @@ impl Watch {
         &mut self.usual[camera]
     }
 
-    /// Takes the shift of a camera that was found to be moved, none where its image stands or does not show
-    /// enough; it is used again when it has long been what it was before.
-    pub(super) fn fits(&mut self, camera: usize, square: Option<f64>) {
+    /// Takes the square of the shift of a camera that was found to be moved, and the logarithm of the odds against that shift; none
+    /// where its image stands or does not show enough. It is used again when its shift has long been what it was before, and the
+    /// other cameras show well enough that it is not the one that was found.
+    pub(super) fn fits(&mut self, camera: usize, fit: Option<(f64, f64)>) {
         let usual = *self.usual(camera);
         if self.fitting.len() <= camera {
             self.fitting.resize(camera + 1, Fitting::default());
         }
         let fitting = &mut self.fitting[camera];
-        let Some(square) = square.filter(|square| !is_beyond(*square, usual)) else {
+        let Some((square, log_odds)) = fit.filter(|(square, _)| !is_beyond(*square, usual)) else {
             *fitting = Fitting::default();
             return;
         };
         (fitting.instants, fitting.squares) = (fitting.instants + 1, fitting.squares + square);
+        fitting.log_odds += log_odds;
         if fitting.instants < FITTING_INSTANTS {
             return;
         }
-        if fitting.squares <= FITTING * usual.max(2.0) * f64::from(fitting.instants) {
+        if fitting.squares > FITTING * usual.max(2.0) * f64::from(fitting.instants) {
+            *fitting = Fitting::default();
+        } else if fitting.log_odds >= DECISIVE_LOG_ODDS {
             self.moved.retain(|m| m.camera != camera);
+            *fitting = Fitting::default();
         }
-        *fitting = Fitting::default();
     }
 }
 

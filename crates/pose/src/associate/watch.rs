@@ -36,6 +36,12 @@ impl Shift {
     fn square(&self) -> f64 {
         self.mean_px.dot(&(self.information * self.mean_px))
     }
+
+    /// Logarithm of the odds that the camera stands right against its being shifted as it was once.
+    fn log_odds_against(&self, shift_px: Vector2<f64>) -> f64 {
+        let apart_px = self.mean_px - shift_px;
+        0.5 * (apart_px.dot(&(self.information * apart_px)) - self.square())
+    }
 }
 
 impl Associator {
@@ -43,6 +49,14 @@ impl Associator {
     /// right again has the same effect.
     pub fn let_cameras_return(&mut self) {
         self.watch.may_return = true;
+    }
+
+    /// Leaves out a camera of which other evidence shows that it was moved; nothing changes where it is left out already.
+    pub fn leave_out_moved(&mut self, camera: usize, t_ns: i64, shift_px: Vector2<f64>) {
+        if !self.watch.is_moved(camera) {
+            let found = MovedCamera { camera, t_ns, shift_px, still_since_ns: None, or: None };
+            self.watch.leave_out(found);
+        }
     }
 
     /// Cameras that were found to be moved; they take no part from then on, or until they fit again.
@@ -191,13 +205,14 @@ impl Associator {
     /// Looks whether cameras that were found to be moved fit again.
     pub(super) fn watch_returns(&mut self, frame: Frame, found: &Association, predicted: &Belief) {
         for camera in 0..self.cameras.len() {
-            if !self.watch.may_return || !self.watch.is_moved(camera) {
-                continue;
-            }
+            let moved =
+                self.watch.moved.iter().find(|m| m.camera == camera).filter(|_| self.watch.may_return);
+            let Some(shift_px) = moved.map(|m| m.shift_px) else { continue };
             let belief =
                 self.by_others(camera, frame, found, predicted).filter(|_| !self.is_repeated(camera));
             let shift = belief.and_then(|belief| self.shift(camera, frame, &belief));
-            self.watch.fits(camera, shift.map(|shift| shift.square()));
+            let fit = |shift: Shift| (shift.square(), shift.log_odds_against(shift_px));
+            self.watch.fits(camera, shift.map(fit));
         }
     }
 

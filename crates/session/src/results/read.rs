@@ -14,8 +14,7 @@ const UNKNOWN_STD: f64 = 1e-3;
 
 /// Whether a pose was read from a table that says of no coordinate how good it is.
 pub fn has_assumed_std(estimate: &PoseEstimate) -> bool {
-    estimate.systematic_columns() == 0
-        && estimate.own_covariance() == covariance_from_std(&estimate.world_from_body, &[UNKNOWN_STD; 6])
+    estimate.systematic_columns() == 0 && estimate.own_covariance() == equal_turns(&[UNKNOWN_STD; 6])
 }
 
 /// Reads `markers.csv`. Only the standard deviations are on file: the covariance between u and v is zero.
@@ -46,8 +45,8 @@ pub fn read_markers(
 /// `t_s,x_m,y_m,z_m,phi_rad,theta_rad,psi_rad` are needed, `_std` columns, `markers` and `residual_px` are
 /// not. A row whose pose is empty was not measured.
 ///
-/// The standard deviations of the Euler angles are taken as uncorrelated, and without them every pose counts
-/// the same (1 mm, 1 mrad): the smoother scales the noise to what the poses show. With the `new_` columns
+/// The standard deviations of the Euler angles are taken as uncorrelated. Without them every pose counts the same
+/// (1 mm, and 1 mrad of a turn about any axis): the smoother scales the noise to what the poses show. With the `new_` columns
 /// that this program writes the part of the covariance that is new in each frame is read exactly; what is
 /// beyond it in the standard deviations is taken as systematic errors, one for each coordinate and
 /// independent of each other.
@@ -69,6 +68,7 @@ pub fn read_poses(path: &Path, marker_names: &[String]) -> Result<Vec<PoseSample
         let place = isometry(&pose);
         let estimate = match &own {
             Some(columns) => with_new_part(row, columns, &pose, &stds)?,
+            None if stds[3..] == [UNKNOWN_STD; 3] => PoseEstimate::new(place, &equal_turns(&stds)),
             None => PoseEstimate::new(place, &covariance_from_std(&place, &stds)),
         };
         let used = markers.map(|c| row.text(c)).unwrap_or("");
@@ -78,6 +78,11 @@ pub fn read_poses(path: &Path, marker_names: &[String]) -> Result<Vec<PoseSample
         Ok(PoseSample { t_ns, estimate: Ok(estimate.by_markers(by, MarkerSet::default(), residual_px)) })
     };
     series.rows(&table)?.into_iter().map(read).collect()
+}
+
+/// The covariance of a pose of whose angles nothing is said: a turn of the body is as likely about any axis.
+fn equal_turns(stds: &[f64; 6]) -> Matrix6<f64> {
+    Matrix6::from_diagonal(&Vector6::from(*stds).map(|std| std * std))
 }
 
 fn angles(pose: &[f64; 6]) -> EulerAngles {

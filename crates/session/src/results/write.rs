@@ -320,7 +320,7 @@ fn parameters(results: &RunResults, out: &mut dyn Write) -> io::Result<()> {
             )?;
         }
         for d in &fit.derived {
-            line([estimator, "", &d.name], [d.value, d.std, d.ci_low, d.ci_high].map(Some), true)?;
+            line([estimator, "", &d.name], [d.value, d.std, d.ci_low, d.ci_high].map(Some), d.identifiable)?;
         }
         for parameter in &results.output_error.held {
             line(split_names(estimator, parameter), [None; 4], false)?;
