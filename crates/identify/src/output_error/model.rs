@@ -78,7 +78,18 @@ impl FlightModel {
         Ok(self)
     }
 
-    fn make_free(&mut self, parameter: ModelParameter) {
+    /// Without the free parameters that `[outputs]` alone contain, and these: for what sensors take no part in.
+    pub(super) fn without_outputs(mut self) -> (Self, Vec<ModelParameter>) {
+        let is_of_outputs = |parameter: &ModelParameter| match parameter {
+            ModelParameter::Parameter(k) => self.model.is_of_outputs_alone(*k),
+            ModelParameter::InputLag => false,
+        };
+        let (of_outputs, kept) = std::mem::take(&mut self.free).into_iter().partition(is_of_outputs);
+        self.free = kept;
+        (self, of_outputs)
+    }
+
+    pub(super) fn make_free(&mut self, parameter: ModelParameter) {
         if !self.free.contains(&parameter) {
             self.free.push(parameter);
         }

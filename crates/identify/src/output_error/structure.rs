@@ -122,10 +122,11 @@ pub fn search_structure(
     let parts = &Parts::of(measurements.seen());
     let recorded = Recorded { inputs: inputs_read, measurements: &parts.fitted };
     let (open, added) = (candidates(model), Vec::new());
-    let mut search =
-        Search { parts, recorded, options, model: model.clone(), open, added, closed: Vec::new() };
+    let (seen, of_outputs) = model.clone().without_outputs();
+    let mut search = Search { parts, recorded, options, model: seen, open, added, closed: Vec::new() };
     search.run()?;
-    let Search { model, open, added, closed, .. } = search;
+    let Search { mut model, open, added, closed, .. } = search;
+    of_outputs.into_iter().for_each(|parameter| model.make_free(parameter));
     let fit = output_error(&model, inputs, measurements, options)?;
     let added = added.into_iter().filter_map(|a| added_term(&model, &fit, a)).collect();
     let mut not_added: Vec<TriedTerm> = open.into_iter().chain(closed).collect();
@@ -147,8 +148,8 @@ pub(super) fn terms_asked_for(
     options: &OutputErrorOptions,
 ) -> Result<AskedFor, IdentifyError> {
     let inputs = &model.inputs_of(inputs)?;
-    let mut solved = solve(model, Recorded { inputs, measurements: measurements.seen() }, options)?;
-    let of_file = candidates(model).len();
+    let (seen, _) = model.clone().without_outputs();
+    let mut solved = solve(&seen, Recorded { inputs, measurements: measurements.seen() }, options)?;
     let with_signals = solved.fitter.point.model.clone().with_signal_terms();
     let mut all = candidates(&with_signals);
     all.extend(late_inputs(&with_signals));
@@ -158,7 +159,7 @@ pub(super) fn terms_asked_for(
     for (term, test) in all.iter_mut().zip(score_tests(solved, &parameters)?) {
         term.test = test;
     }
-    let signals = passing(all.split_off(of_file));
+    let signals = passing(all.split_off(candidates(&seen).len()));
     Ok(AskedFor { candidates: passing(all), signals })
 }
 

@@ -4,8 +4,10 @@ use super::support::{POSITION_STD_M, TURN_STD_RAD, noisy_poses};
 use crate::inverse::inverse;
 use crate::output_error::fitter::{Fitter, Recorded};
 use crate::output_error::shooting::Point;
+use crate::output_error::structure::terms_asked_for;
 use crate::output_error::{
     FlightModel, Measurements, OutputErrorFit, OutputErrorOptions, filter_error, output_error,
+    search_structure,
 };
 use mavsight_flight::{InputSeries, SensorSeries, Vehicle, VehicleFile};
 use mavsight_random::Random;
@@ -306,4 +308,17 @@ fn rows_of_sensors_have_the_derivatives_of_their_residuals() {
         }
         assert!(at.places.iter().any(|p| p.channel == 6 + 3), "the rotor is there");
     }
+}
+
+/// Sensors take no part in the search for missing terms: what they alone determine, a bias or a place, ended it as "not determined".
+#[test]
+fn what_sensors_alone_determine_does_not_end_the_search_for_missing_terms() {
+    let (model, measured) = measured(&mut Random::new(20, 0), true);
+    let free = |model: &FlightModel| model.free().len();
+    assert!(free(&model.clone().without_outputs().0) < free(&model), "there are such parameters");
+    let options = OutputErrorOptions::default();
+    let asked = terms_asked_for(&model, &inputs(), &measured, &options).expect("tested");
+    assert!(asked.is_empty(), "{asked:?}");
+    let found = search_structure(&model, &inputs(), &measured, &options).expect("searched");
+    assert!(found.added.is_empty() && found.fit.parameters.len() == free(&model));
 }
