@@ -103,6 +103,15 @@ pub enum PoseError {
         /// The reason.
         reason: &'static str,
     },
+    /// The cameras that see the body take no part.
+    #[error(
+        "{cameras} cameras see the aircraft, and all of them are left out, as what they see contradicts: a camera was moved, or its clock or \
+         delay changed; calibrate again, or begin the flight again"
+    )]
+    AllLeftOut {
+        /// How many.
+        cameras: usize,
+    },
     /// Too few markers were observed.
     #[error(
         "{seen} of {markers} markers seen ({observations} observations in all): a pose needs 3, all of them in one camera or each in two"

@@ -52,6 +52,12 @@ pub enum SessionError {
         /// Frames read.
         read: usize,
     },
+    /// A camera that was ended because it gave no frames any more.
+    #[error("{}: no frame comes any more: look at the camera, its power and its network", place.display())]
+    Silent {
+        /// What it was opened by.
+        place: PathBuf,
+    },
     /// The ffmpeg program is needed and missing.
     #[error("{}: reading it needs the ffmpeg program ({reason}), and {program:?} cannot be started: install it with `apt-get install ffmpeg`, or convert the recording to MP4 with H.264", path.display())]
     NeedsFfmpeg {

@@ -36,6 +36,9 @@ impl Associator {
         if !candidates.is_empty() && candidates.iter().all(|seen| self.is_stale(seen.camera)) {
             return refused(t_ns, self.repeated_image(frame));
         }
+        if let Some(reason) = self.all_left_out(frame) {
+            return refused(t_ns, reason);
+        }
         let mut out = self.associated_by(frame, predicted.as_ref(), in_use);
         if let Some(belief) = predicted.as_ref().filter(|_| !self.is_sound(&out, frame)) {
             let rest = self.without_detections(frame, belief).or_else(|| self.without_one(frame, belief));
@@ -73,6 +76,15 @@ impl Associator {
             out.pairs.retain(|(k, m)| !estimate.left_out.contains(*m) || touches(&candidates[*k], *m));
         }
         out
+    }
+
+    /// Whether two cameras or more see balls, and each of them was found to be moved.
+    fn all_left_out(&self, frame: Frame) -> Option<PoseError> {
+        let sees = |camera: usize| frame.seen.iter().any(|ball| ball.camera == camera);
+        let seeing = || (0..self.cameras.len()).filter(|camera| sees(*camera));
+        let cameras = seeing().count();
+        (cameras > 1 && seeing().all(|camera| self.watch.is_moved(camera)))
+            .then_some(PoseError::AllLeftOut { cameras })
     }
 
     /// Markers that cameras which see some of the body should see, and of which they have nothing there.

@@ -7,6 +7,7 @@ use mavsight_vision::{Frame, Pixels};
 use std::io::BufReader;
 use std::path::PathBuf;
 use std::process::{Child, ChildStdout, Command};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -51,6 +52,8 @@ pub struct LiveVideo {
     listener: Listener,
     /// Whether the first stamp has been held against the system's clock.
     is_checked: bool,
+    /// Whether it was ended by its stopper.
+    is_stopped: Arc<AtomicBool>,
 }
 
 impl LiveVideo {
@@ -72,19 +75,23 @@ impl LiveVideo {
             .args(["-strict", "-1", "-f", "yuv4mpegpipe", "pipe:1"]);
         let Process { child, stdout, stderr } = start(command, &place, "a running camera is read by it")?;
         let (child, listener) = (Arc::new(Mutex::new(child)), Listener::new(stderr));
-        Ok(Self { place, child, stdout: Some(stdout), frames: None, listener, is_checked: false })
+        let is_stopped = Arc::default();
+        Ok(Self { place, child, stdout: Some(stdout), frames: None, listener, is_checked: false, is_stopped })
     }
 
     /// What ends the program from another thread, so that a read that waits for it returns.
     pub fn stopper(&self) -> impl Fn() + Send + Sync + 'static {
-        let child = Arc::clone(&self.child);
-        move || stop(&child)
+        let (child, is_stopped) = (Arc::clone(&self.child), Arc::clone(&self.is_stopped));
+        move || {
+            is_stopped.store(true, Ordering::Relaxed);
+            stop(&child);
+        }
     }
 
     /// Waits for the next frame: its time by the system's clock, nanoseconds of the UNIX epoch.
     ///
     /// # Errors
-    /// The end: ffmpeg's last words.
+    /// The end: ffmpeg's last words, but for [`SessionError::Silent`] of one that its stopper ended.
     pub fn next_frame(&mut self) -> Result<(i64, Arc<Frame>), SessionError> {
         if let Some(stdout) = self.stdout.take() {
             // Without a header the reason is among the program's words.
@@ -92,6 +99,10 @@ impl LiveVideo {
         }
         let piece = self.frames.as_mut().map(Y4mFrames::piece);
         let (Some(Piece::Frame(_, mut frame)), Ok(shown)) = (piece, self.listener.shown.recv()) else {
+            // What the program said before it was ended here is no reason.
+            if self.is_stopped.load(Ordering::Relaxed) {
+                return Err(SessionError::Silent { place: self.place.clone() });
+            }
             // The listening thread may be a moment behind the end of the pictures.
             std::thread::sleep(std::time::Duration::from_millis(20));
             let last = self.listener.words().last();
@@ -182,7 +193,8 @@ mod tests {
             stopper();
         });
         let end = (0..1000).find_map(|_| video.next_frame().err());
-        assert!(end.is_some());
+        // It was said that ffmpeg had failed, with what it says of any stream.
+        assert!(matches!(end, Some(SessionError::Silent { .. })), "{end:?}");
         let by_another =
             LiveVideo::open("-f lavfi -i testsrc=size=64x48:rate=50", &program).unwrap().next_frame();
         assert!(by_another.unwrap_err().to_string().contains("-use_wallclock_as_timestamps"));
