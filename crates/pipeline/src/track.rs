@@ -207,7 +207,7 @@ fn span_notes(streams: &[Stream], clocks: &[CameraClock]) -> Result<Vec<String>,
         }
         if late_s > slack_s {
             notes.push(format!(
-                "{name} begins at {from_s:.3} s, {late_s:.3} s after the first camera: until then poses are by the others."
+                "{name} begins at {from_s:.3} s, {late_s:.3} s after the one that begins first: until then poses are by the others."
             ));
         }
     }

@@ -92,14 +92,16 @@ impl PushWatch {
 
     /// Begins anew with a camera: its image stood, or it was left out.
     pub fn forget(&mut self, camera: usize) {
-        self.cameras[camera] = Watched::default();
+        if let Some(own) = self.cameras.get_mut(camera) {
+            *own = Watched::default();
+        }
     }
 
     /// Takes a frame of a camera: a camera that is found to have been pushed.
     pub fn take(&mut self, camera: usize, time: FrameTime, seen: &[TrackedDetection]) -> Option<Push> {
         let variance_px2 = |s: &TrackedDetection| 0.5 * s.covariance_px2.trace();
         let balls = seen.iter().map(|s| (s.color, s.pixel, variance_px2(s)));
-        self.cameras[camera].add(time, balls, &self.counts, self.stepped - DECISIVE);
+        self.cameras.get_mut(camera)?.add(time, balls, &self.counts, self.stepped - DECISIVE);
         self.suspect(camera, time);
         let found = (0..self.cameras.len()).find_map(|camera| self.decided(camera))?;
         self.forget(found.camera);
