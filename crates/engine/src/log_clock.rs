@@ -108,7 +108,7 @@ fn words(found: &LogAlignment, source: &str) -> String {
     let std = |k: usize| found.covariance[(k, k)].sqrt();
     let turn_std_rad = (2..5).map(std).fold(0.0, f64::max);
     let attitude = if turn_std_rad > UNKNOWN_RAD {
-        "the aircraft turns about one axis alone, about which it does not show how the gyroscope is turned in the body".to_owned()
+        "the flight does not show about every axis how the gyroscope is turned in the body".to_owned()
     } else {
         let turned_rad = found.body_from_sensor.angle();
         format!(

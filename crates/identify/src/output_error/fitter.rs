@@ -119,7 +119,11 @@ impl<'a> Fitter<'a> {
         };
         let problem = Shooting {
             inputs: inputs.clone(),
-            equations: Equations::of(&model, measurements),
+            equations: if measurements.have_sensors() {
+                Equations::with_sensors(&model)
+            } else {
+                Equations::new(&model)
+            },
             measurements,
             hold_nonlinear: false,
             longest_step_s: LONGEST_STEP_S[0],

@@ -1,6 +1,5 @@
 //! The model of a fit: which parameters are free, and where they start.
 
-use super::measure::Measurements;
 use crate::{IdentifyError, independent_columns};
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_model::{BODY_PARAMETERS, Dynamics, Freedom, Model, Unit};
@@ -306,11 +305,6 @@ impl Equations {
     }
 
     /// With the model's sensors.
-    /// Those that measurements need.
-    pub(crate) fn of(model: &FlightModel, measurements: &Measurements) -> Self {
-        if measurements.have_sensors() { Self::with_sensors(model) } else { Self::new(model) }
-    }
-
     pub(crate) fn with_sensors(model: &FlightModel) -> Self {
         Self::build(model, Dynamics::with_sensors)
     }

@@ -30,7 +30,7 @@ pub(super) fn score_tests(
     let free = model.free().len();
     let names: Vec<&str> = model.free().iter().chain(candidates).map(|p| model.name(*p)).collect();
     let model = model.clone().with_free(&names)?;
-    fitter.problem.equations = Equations::of(&model, fitter.problem.measurements);
+    fitter.problem.equations = Equations::new(&model);
     fitter.point.model = model;
     fitter.at = fitter.problem.evaluate(&fitter.point)?;
     let linear = fitter.linearised(TIGHTNESS[3])?;

@@ -6,9 +6,9 @@ use crate::output_error::filter::VELOCITY;
 use crate::output_error::fitter::{Fitter, Recorded};
 use crate::output_error::innovations::innovations;
 use crate::output_error::{
-    AskedFor, FlightFitOptions, FlightFits, FlightModel, InputClock, Measurements, ModelParameter, NotAdded,
-    OutputErrorFit, OutputErrorOptions, StateMeasurement, TriedTerm, filter_error, output_error,
-    predict_ahead,
+    AskedFor, DerivedQuantity, FlightFitOptions, FlightFits, FlightModel, InputClock, Measurements,
+    ModelParameter, NotAdded, OutputErrorFit, OutputErrorOptions, StateMeasurement, TriedTerm, filter_error,
+    output_error, predict_ahead,
 };
 use mavsight_flight::{InputSeries, Vehicle, VehicleFile};
 use mavsight_random::Random;
@@ -145,8 +145,11 @@ fn the_criterion_distinguishes_gusts_from_errors_of_poses_that_last() {
 /// the residuals ask for what the model lacks. There output error, seventeen deviations off, was said to be right.
 #[test]
 fn the_fit_that_explains_the_flight_worse_is_doubted() {
-    let output = fit(0.0, 3, output_error);
+    let mut output = fit(0.0, 3, output_error);
     assert!(output.parameters.iter().all(|p| p.identifiable));
+    let (name, unit) = ("drag over mass".to_owned(), "1/s".to_owned());
+    let (value, std, ci_low, ci_high) = (1.0, 0.1, 0.8, 1.2);
+    output.derived.push(DerivedQuantity { name, unit, value, std, ci_low, ci_high, identifiable: true });
     let term = TriedTerm {
         parameter: ModelParameter::Parameter(0),
         name: "d_z".to_owned(),
@@ -169,6 +172,7 @@ fn the_fit_that_explains_the_flight_worse_is_doubted() {
         let (poses, filter) = (fits.poses.expect("output error"), fits.filter.expect("filter error"));
         for (fit, is_doubted) in [(poses, output_is_doubted), (filter, filter_is_doubted)] {
             assert!(fit.parameters.iter().all(|p| p.identifiable != is_doubted));
+            assert!(fit.derived.iter().all(|d| d.identifiable != is_doubted));
             let says = fit.notes.first().is_some_and(|n| n.starts_with("Do not use its parameters"));
             assert_eq!(says, is_doubted, "{:?}", fit.notes);
         }
