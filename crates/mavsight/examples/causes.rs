@@ -267,8 +267,9 @@ fn with_fault(place: &Place, room: &Room, sound: &[Vec<Frame>], fault: Cause) ->
 fn found(place: &Place, rig: &Rig, handed: &Handed) -> (Vec<Finding>, Vec<String>) {
     let tracked = match track(handed.feeds(), rig, &handed.vehicle, &NoProgress) {
         Ok(tracked) => tracked,
-        Err(PipelineError::MixedUp { cause, given, mistake, .. }) => {
-            return (vec![Finding::of(cause, None, format!("{given} … {mistake}"))], vec![]);
+        Err(PipelineError::MixedUp { causes, given, mistake, .. }) => {
+            let note = format!("{given} … {mistake}");
+            return (vec![Finding { causes, camera: None, note }], vec![]);
         }
         Err(other) => return (vec![], vec![other.to_string()]),
     };

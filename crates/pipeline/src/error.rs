@@ -64,8 +64,8 @@ pub enum PipelineError {
         "what the cameras saw {given} where any pose of the body has it, and lies {instead_px:.2} px from it {mistake}"
     )]
     MixedUp {
-        /// What was done to them.
-        cause: crate::Cause,
+        /// What may have been done to them.
+        causes: Vec<crate::Cause>,
         /// How far it lies from there.
         given: String,
         /// The same without the mistake.

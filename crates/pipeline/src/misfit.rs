@@ -96,6 +96,7 @@ pub(crate) fn of_observations(
     if found.is_empty() {
         found.extend(evidence.another_scale()?);
         found.extend(evidence.other_clocks(explains)?);
+        found.extend(evidence.exchanged_recordings_by_other_clocks()?);
         found.extend(evidence.moved_cameras()?);
         found.retain(explains);
     }
@@ -127,9 +128,9 @@ fn conclude(
     };
     let words: Vec<&str> = found.iter().map(|a| a.words.as_str()).collect();
     let instead_px = first.fit.residual_px;
-    if let [cause @ (Cause::CamerasExchanged | Cause::ImageTurned)] = causes[..] {
+    if causes.iter().all(|c| matches!(c, Cause::CamerasExchanged | Cause::ImageTurned)) {
         let mistake = words.join("; or ");
-        return Err(PipelineError::MixedUp { cause, given: lies, instead_px, mistake });
+        return Err(PipelineError::MixedUp { causes, given: lies, instead_px, mistake });
     }
     let camera = first.camera.filter(|_| found.iter().all(|a| a.camera == first.camera));
     let alike = if found.len() > 1 { " Which of these it is, this flight does not show." } else { "" };

@@ -56,3 +56,16 @@ pub fn estimate_clocks(rig: &Rig, markers: &[BodyMarker], streams: &[CameraStrea
     search::solve(&mut Problem::new(rig, markers, streams), &mut out);
     out
 }
+
+/// The clocks by which all cameras agree best, whether the flight determines them or not; `None` where no instant is seen
+/// by two cameras. For comparing what recordings may be: [`estimate_clocks`] without its judgement, at a fifth of its cost.
+pub fn fitting_clocks(
+    rig: &Rig,
+    markers: &[BodyMarker],
+    streams: &[CameraStream],
+) -> Option<Vec<CameraClock>> {
+    if streams.len() != rig.cameras.len() {
+        return None;
+    }
+    search::fitted(&mut Problem::new(rig, markers, streams))
+}

@@ -33,7 +33,7 @@ pub use calibrate::{
 };
 pub use clock::{
     CameraClock, CameraStream, ClockEstimate, ClockPrior, ClockVerdict, GAP_INTERVALS, PathPoint,
-    PathVelocity, PixelPath, QUARTZ_DRIFT_STD, StampOdds, estimate_clocks, image_middle,
+    PathVelocity, PixelPath, QUARTZ_DRIFT_STD, StampOdds, estimate_clocks, fitting_clocks, image_middle,
     informative_stretches_ns, odds_of_stamps,
 };
 pub use detection::{MarkerObservation, TrackedDetection};

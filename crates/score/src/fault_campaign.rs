@@ -208,8 +208,9 @@ impl Outcome {
                 }
                 (tracked.findings.clone(), tracked.notes.clone())
             }
-            Err(PipelineError::MixedUp { cause, mistake, .. }) => {
-                (vec![Finding::of(*cause, None, mistake.clone())], vec![])
+            Err(PipelineError::MixedUp { causes, mistake, .. }) => {
+                let (causes, note) = (causes.clone(), mistake.clone());
+                (vec![Finding { causes, camera: None, note }], vec![])
             }
             Err(other) => (vec![], vec![other.to_string()]),
         };

@@ -121,7 +121,7 @@ pub(super) fn of_file(name: &str, camera: usize, error: &SessionError) -> CheckI
 /// What a run would be refused with.
 pub(super) fn of_error(error: &EngineError) -> CheckItem {
     let causes = match error {
-        EngineError::Pipeline(PipelineError::MixedUp { cause, .. }) => vec![*cause],
+        EngineError::Pipeline(PipelineError::MixedUp { causes, .. }) => causes.clone(),
         EngineError::File(source) | EngineError::Input(source) if is_without_picture(source) => {
             vec![Cause::NoPicture]
         }

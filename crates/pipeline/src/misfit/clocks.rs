@@ -24,6 +24,11 @@ pub(crate) struct ClockEvidence {
 }
 
 impl ClockEvidence {
+    /// Whether the session leaves a clock to the flight.
+    pub(super) fn is_open(&self) -> bool {
+        self.streams.iter().skip(1).any(|s| s.prior.offset_std_s > 0.0)
+    }
+
     /// What the cameras see at some times if their clocks are these.
     pub(super) fn instants(
         &self,
@@ -136,6 +141,16 @@ impl Evidence<'_> {
         evidence: &ClockEvidence,
         clocks: &[CameraClock],
     ) -> Result<Option<super::ReprojectionFit>, PipelineError> {
+        let Some(instants) = self.instants_by(evidence, clocks) else { return Ok(None) };
+        self.median_fit(&instants)
+    }
+
+    /// What two cameras see by these clocks at the instants of the evidence; `None` where that is too little.
+    pub(super) fn instants_by(
+        &self,
+        evidence: &ClockEvidence,
+        clocks: &[CameraClock],
+    ) -> Option<Vec<Vec<MarkerObservation>>> {
         let times_ns: Vec<i64> = self.instants.iter().filter_map(|seen| Some(seen.first()?.t_ns)).collect();
         let mut instants = evidence.instants(self.rig, self.markers().len(), &times_ns, clocks);
         instants.retain(|seen| super::is_by_two(seen));
@@ -143,8 +158,7 @@ impl Evidence<'_> {
             all.iter().flatten().filter(|o| o.camera == camera).count() as f64
         };
         let keeps = |camera| of(&instants, camera) >= LEAST_SHARED * of(&self.instants, camera);
-        let is_enough = (0..self.rig.cameras.len()).all(keeps);
-        if is_enough { self.median_fit(&instants) } else { Ok(None) }
+        (0..self.rig.cameras.len()).all(keeps).then_some(instants)
     }
 }
 

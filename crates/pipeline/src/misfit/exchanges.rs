@@ -1,12 +1,15 @@
 //! Exchanges: recordings of each other's cameras, images mirrored or turned, colours of each other's markers.
 
-use super::{Alternative, Evidence};
+use super::{Alternative, ClockEvidence, Evidence};
 use crate::{Cause, Finding, PipelineError};
 use mavsight_geometry::{Vector2, Vector3};
-use mavsight_pose::{MarkerObservation, Rig, median};
+use mavsight_pose::{CameraClock, CameraStream, ClockPrior, MarkerObservation, Rig, fitting_clocks, median};
 
 /// Markers up to which every permutation of them is tried; of more, every exchange of two.
 const MOST_PERMUTED: usize = 5;
+
+/// Cameras up to which every subset of them is tried as mirrored or turned; of more, one and all.
+const MOST_SUBSETS: usize = 4;
 
 /// Instants from which a permutation is tried; those that fit are tried with all.
 const FEW: usize = 7;
@@ -19,8 +22,8 @@ const UPRIGHT: f64 = 0.5;
 #[derive(Debug, Clone, PartialEq)]
 enum Exchange {
     Cameras(usize, usize),
-    Mirrored(usize),
-    UpsideDown(usize),
+    Mirrored(Vec<usize>),
+    UpsideDown(Vec<usize>),
     /// The ball that the file calls marker k is marker `[k]`.
     Markers(Vec<usize>),
 }
@@ -32,7 +35,7 @@ impl Exchange {
         let n = rig.cameras.len();
         let pairs = (0..n).flat_map(|a| (a + 1..n).map(move |b| (a, b)));
         let exchanged = pairs.filter(|(a, b)| size(*a) == size(*b)).map(|(a, b)| Self::Cameras(a, b));
-        let turned = (0..n).flat_map(|k| [Self::Mirrored(k), Self::UpsideDown(k)]);
+        let turned = subsets(n).into_iter().flat_map(|of| [Self::Mirrored(of.clone()), Self::UpsideDown(of)]);
         exchanged.chain(turned).collect()
     }
 
@@ -44,9 +47,15 @@ impl Exchange {
         }
     }
 
+    /// Markers that are not where the file says.
+    fn displaced(&self) -> usize {
+        let Self::Markers(of) = self else { return 0 };
+        of.iter().enumerate().filter(|(k, of)| k != *of).count()
+    }
+
     fn camera(&self) -> Option<usize> {
         match self {
-            Self::Mirrored(k) | Self::UpsideDown(k) => Some(*k),
+            Self::Mirrored(of) | Self::UpsideDown(of) => <[usize; 1]>::try_from(&of[..]).ok().map(|[k]| k),
             _ => None,
         }
     }
@@ -58,13 +67,13 @@ impl Exchange {
         match self {
             Self::Cameras(a, b) if seen.camera == *a => seen.camera = *b,
             Self::Cameras(a, b) if seen.camera == *b => seen.camera = *a,
-            Self::Mirrored(k) if seen.camera == *k => {
+            Self::Mirrored(of) if of.contains(&seen.camera) => {
                 seen.pixel.x = right - seen.pixel.x;
                 for at in [(0, 1), (1, 0)] {
                     seen.covariance_px2[at] = -seen.covariance_px2[at];
                 }
             }
-            Self::UpsideDown(k) if seen.camera == *k => {
+            Self::UpsideDown(of) if of.contains(&seen.camera) => {
                 seen.pixel = Vector2::new(right, bottom) - seen.pixel;
             }
             Self::Markers(of) => seen.marker = of[seen.marker],
@@ -73,21 +82,48 @@ impl Exchange {
         seen
     }
 
+    /// The recordings as they would have been without. A recording keeps its clock, but not what was known of its offset
+    /// from the others'.
+    fn undone_in(&self, mut streams: Vec<CameraStream>, rig: &Rig) -> Vec<CameraStream> {
+        for (k, stream) in streams.iter_mut().enumerate() {
+            stream.observations.iter_mut().for_each(|o| *o = self.undone(*o, rig));
+            match self {
+                Self::Mirrored(of) if of.contains(&k) => stream.readout.x = -stream.readout.x,
+                Self::UpsideDown(of) if of.contains(&k) => stream.readout = -stream.readout,
+                _ => {}
+            }
+        }
+        if let Self::Cameras(a, b) = self {
+            streams.swap(*a, *b);
+            for stream in &mut streams {
+                let line_time_s = stream.prior.clock.line_time_s;
+                let clock = CameraClock { line_time_s, ..CameraClock::default() };
+                stream.prior = ClockPrior { clock, ..ClockPrior::unknown() };
+            }
+        }
+        streams
+    }
+
     fn words(&self, evidence: &Evidence<'_>) -> String {
         let name = |k: usize| &evidence.rig.cameras[k].name;
+        let all = |of: &[usize]| names(&of.iter().map(|k| name(*k).as_str()).collect::<Vec<_>>());
+        let its =
+            |of: &[usize], one: &'static str, more: &'static str| if of.len() == 1 { one } else { more };
         match self {
             Self::Cameras(a, b) => format!(
                 "with the recordings of {} and {} exchanged: exchange them in the session file",
                 name(*a),
                 name(*b)
             ),
-            Self::Mirrored(k) => format!(
-                "with {} mirrored left to right: turn mirroring off where the camera or its program offers it, or mirror its still too",
-                name(*k)
+            Self::Mirrored(of) => format!(
+                "with {} mirrored left to right: turn mirroring off where the camera or its program offers it, or mirror {} too",
+                all(of),
+                its(of, "its still", "their stills")
             ),
-            Self::UpsideDown(k) => format!(
-                "with {} turned upside down: its recording and its still have to be the same way up",
-                name(*k)
+            Self::UpsideDown(of) => format!(
+                "with {} turned upside down: {} have to be the same way up",
+                all(of),
+                its(of, "its recording and its still", "the recording and the still of each")
             ),
             Self::Markers(of) => format!(
                 "with the colours of {} exchanged: exchange them in the vehicle file",
@@ -102,6 +138,15 @@ fn names(all: &[&str]) -> String {
         [rest @ .., last] if !rest.is_empty() => format!("{} and {last}", rest.join(", ")),
         _ => all.join(", "),
     }
+}
+
+/// All subsets of so many that are not empty, or of many those of one and of all.
+fn subsets(count: usize) -> Vec<Vec<usize>> {
+    if count > MOST_SUBSETS {
+        return (0..count).map(|k| vec![k]).chain([(0..count).collect()]).collect();
+    }
+    let of = |bits: usize| (0..count).filter(|k| bits >> k & 1 == 1).collect();
+    (1..1 << count).map(of).collect()
 }
 
 /// All permutations of so many.
@@ -128,13 +173,37 @@ fn permutations(count: usize) -> Vec<Vec<usize>> {
     out
 }
 
+/// An exchange that fits.
+struct Fitting {
+    is_upright: bool,
+    displaced: usize,
+    alternative: Alternative,
+}
+
+/// Of exchanges that leave the least, those in which the body is upright, and of these those of the fewest markers. Of a
+/// flat body the mirror image is one more pose: cameras that face each other and are all turned upside down see what they
+/// would see exchanged, of a body that is upside down.
+fn likeliest(mut fitting: Vec<Fitting>) -> Vec<Alternative> {
+    let least = fitting.iter().map(|f| f.alternative.fit.ratio).fold(f64::INFINITY, f64::min);
+    fitting.retain(|f| f.alternative.fit.ratio <= super::ALIKE * least);
+    let rank = |f: &Fitting| (!f.is_upright, f.displaced);
+    let Some(first) = fitting.iter().map(rank).min() else { return vec![] };
+    fitting.retain(|f| rank(f) == first);
+    fitting.into_iter().map(|f| f.alternative).collect()
+}
+
+/// Few of these instants, spread over them.
+fn few(instants: &[Vec<MarkerObservation>]) -> Vec<Vec<MarkerObservation>> {
+    instants.iter().step_by((instants.len() / FEW).max(1)).cloned().collect()
+}
+
 impl Evidence<'_> {
     fn displaced(&self, of: &[usize]) -> Vec<&str> {
         let markers = self.estimator.markers().iter().zip(of).enumerate();
         markers.filter(|(k, (_, of))| k != *of).map(|(_, (m, _))| m.name.as_str()).collect()
     }
 
-    fn without(&self, exchange: &Exchange) -> Vec<Vec<MarkerObservation>> {
+    fn instants_without(&self, exchange: &Exchange) -> Vec<Vec<MarkerObservation>> {
         let undone = |seen: &Vec<MarkerObservation>| {
             seen.iter().map(|o| exchange.undone(*o, self.rig)).collect::<Vec<_>>()
         };
@@ -149,14 +218,41 @@ impl Evidence<'_> {
         format!("Recordings {recordings} or turned, every exchange of {colors} colours")
     }
 
-    /// What exchanged or turned recordings leave.
+    /// What exchanged or turned recordings leave at the given clocks.
     pub(super) fn exchanged_recordings(&self) -> Result<Vec<Alternative>, PipelineError> {
-        let mut out = Vec::new();
+        let mut fitting = Vec::new();
         for exchange in Exchange::of_cameras(self.rig) {
-            let fit = self.median_fit(&self.without(&exchange))?;
-            out.extend(fit.map(|fit| self.by(&exchange, fit)));
+            fitting.extend(self.fitting(&exchange, self.instants_without(&exchange))?);
         }
-        Ok(out)
+        Ok(likeliest(fitting))
+    }
+
+    /// What exchanged or turned recordings leave at the clocks that the flight then shows: those that it seems to show
+    /// while they are exchanged are wrong as well.
+    pub(super) fn exchanged_recordings_by_other_clocks(&self) -> Result<Vec<Alternative>, PipelineError> {
+        let Some(evidence) = self.clocks.as_ref().filter(|c| c.is_open()) else { return Ok(vec![]) };
+        let mut fitting = Vec::new();
+        for exchange in Exchange::of_cameras(self.rig) {
+            let streams = exchange.undone_in(evidence.streams.clone(), self.rig);
+            let markers = self.estimator.markers();
+            let Some(clocks) = fitting_clocks(self.rig, markers, &streams) else { continue };
+            let Some(instants) = self.instants_by(&ClockEvidence { streams }, &clocks) else { continue };
+            fitting.extend(self.fitting(&exchange, instants)?);
+        }
+        Ok(likeliest(fitting))
+    }
+
+    /// What an exchange leaves, where it fits.
+    fn fitting(
+        &self,
+        exchange: &Exchange,
+        without: Vec<Vec<MarkerObservation>>,
+    ) -> Result<Option<Fitting>, PipelineError> {
+        let fit = self.median_fit(&without)?.filter(|fit| fit.ratio <= super::FITS);
+        Ok(fit.map(|fit| {
+            let is_upright = self.upright(&few(&without)) >= 0.5;
+            Fitting { is_upright, displaced: exchange.displaced(), alternative: self.by(exchange, fit) }
+        }))
     }
 
     fn by(&self, exchange: &Exchange, fit: super::ReprojectionFit) -> Alternative {
@@ -164,31 +260,17 @@ impl Evidence<'_> {
         Alternative { cause, camera, fit, words: exchange.words(self) }
     }
 
-    /// What exchanged colours leave: of those that leave the least, in which the body is upright, those of the
-    /// fewest markers.
+    /// What exchanged colours leave.
     pub(super) fn exchanged_colors(&self) -> Result<Vec<Alternative>, PipelineError> {
-        let mut tried: Vec<(Vec<usize>, Exchange)> = Vec::new();
-        for of in permutations(self.estimator.markers().len()) {
-            tried.push((of.clone(), Exchange::Markers(of)));
-        }
-        let few = |all: &[Vec<MarkerObservation>]| -> Vec<Vec<MarkerObservation>> {
-            all.iter().step_by((all.len() / FEW).max(1)).cloned().collect()
-        };
         let mut fitting = Vec::new();
-        for (of, exchange) in tried {
-            let seen = self.without(&exchange);
-            if self.median_fit(&few(&seen))?.is_none_or(|fit| fit.ratio > super::FITS) {
-                continue;
+        for of in permutations(self.estimator.markers().len()) {
+            let exchange = Exchange::Markers(of);
+            let without = self.instants_without(&exchange);
+            if self.median_fit(&few(&without))?.is_some_and(|fit| fit.ratio <= super::FITS) {
+                fitting.extend(self.fitting(&exchange, without)?);
             }
-            let Some(fit) = self.median_fit(&seen)? else { continue };
-            let displaced = of.iter().enumerate().filter(|(k, of)| k != *of).count();
-            fitting.push((self.upright(&few(&seen)) < 0.5, displaced, fit, exchange));
         }
-        let Some(best) = fitting.iter().map(|f| f.2.ratio).min_by(f64::total_cmp) else { return Ok(vec![]) };
-        fitting.retain(|f| f.2.ratio <= super::ALIKE * best);
-        let Some(simplest) = fitting.iter().map(|f| (f.0, f.1)).min() else { return Ok(vec![]) };
-        let kept = fitting.into_iter().filter(|f| (f.0, f.1) == simplest);
-        Ok(kept.map(|(_, _, fit, exchange)| self.by(&exchange, fit)).collect())
+        Ok(likeliest(fitting))
     }
 
     /// Cosines of the angle between the body's z and down, of the poses of these instants.
@@ -211,9 +293,7 @@ impl Evidence<'_> {
 
     /// That the body is upside down or on its side all the while.
     pub(super) fn not_upright(&self) -> Result<Option<Finding>, PipelineError> {
-        let few: Vec<Vec<MarkerObservation>> =
-            self.instants.iter().step_by((self.instants.len() / FEW).max(1)).cloned().collect();
-        let tilts = self.tilts(&few);
+        let tilts = self.tilts(&few(&self.instants));
         if tilts.is_empty() || tilts.iter().any(|cosine| *cosine > UPRIGHT) {
             return Ok(None);
         }
@@ -261,5 +341,12 @@ mod tests {
         unlike.dedup();
         assert_eq!(unlike.len(), 23);
         assert_eq!(permutations(8).len(), 28);
+    }
+
+    #[test]
+    fn every_subset_of_few_cameras_and_all_of_many_are_tried() {
+        assert_eq!(subsets(2), [vec![0], vec![1], vec![0, 1]]);
+        assert_eq!(subsets(4).len(), 15);
+        assert_eq!(subsets(6).last(), Some(&(0..6).collect()));
     }
 }

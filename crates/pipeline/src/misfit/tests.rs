@@ -2,10 +2,10 @@
 
 use super::*;
 use crate::body_markers;
-use crate::testing::{rig, seen_by, stream};
+use crate::testing::{rig, rig_of_first, seen_by, stream};
 use mavsight_flight::Vehicle;
 use mavsight_geometry::Vector2;
-use mavsight_pose::{BodyMarker, CameraClock, CameraStream, Observations};
+use mavsight_pose::{BodyMarker, CameraClock, CameraStream, ClockPrior, Observations};
 
 fn seen() -> Vec<MarkerObservation> {
     (0..3).flat_map(|camera| seen_by(camera, 0..90)).collect()
@@ -33,7 +33,7 @@ fn recordings_in_the_place_of_others_are_refused_with_what_was_done_to_them() {
     let refused = |change: &dyn Fn(&mut MarkerObservation), wanted: Cause, words: &str| {
         let error = found(change, |_| {}).unwrap_err();
         let text = error.to_string();
-        assert!(matches!(error, PipelineError::MixedUp { cause, .. } if cause == wanted), "{text}");
+        assert!(matches!(&error, PipelineError::MixedUp { causes, .. } if causes[..] == [wanted]), "{text}");
         assert!(text.contains(words), "{text}");
     };
     assert_eq!(found(|_| {}, |_| {}).unwrap(), vec![]);
@@ -57,6 +57,32 @@ fn recordings_in_the_place_of_others_are_refused_with_what_was_done_to_them() {
         }
     };
     refused(&turn, Cause::ImageTurned, "cam1 turned upside down");
+}
+
+/// Cameras on two sides that are both upside down see what they would see exchanged, of a body upside down.
+#[test]
+fn recordings_that_are_all_upside_down_are_not_called_exchanged() {
+    let all = |o: &mut MarkerObservation| o.pixel = Vector2::new(639.0, 479.0) - o.pixel;
+    let mirrored = |o: &mut MarkerObservation| o.pixel.x = 639.0 - o.pixel.x;
+    for (change, words) in [(&all as &dyn Fn(&mut _), "turned upside down"), (&mirrored, "mirrored")] {
+        for cameras in [2, 3] {
+            let error = of_cameras(cameras, change).unwrap_err();
+            let text = error.to_string();
+            assert!(text.contains(words) && !text.contains("exchanged") && !text.contains("; or "), "{text}");
+        }
+    }
+}
+
+/// Findings on observations of the first cameras alone, changed.
+fn of_cameras(
+    cameras: usize,
+    change: &dyn Fn(&mut MarkerObservation),
+) -> Result<Vec<Finding>, PipelineError> {
+    let (rig, body) = (rig_of_first(cameras), body_markers(&Vehicle::paper()));
+    let mut seen: Vec<MarkerObservation> = (0..cameras).flat_map(|k| seen_by(k, 0..90)).collect();
+    seen.iter_mut().for_each(change);
+    let all: Observations = seen.iter().collect();
+    of_observations(&PoseEstimator::new(&rig, &body), &rig, &all, None)
 }
 
 #[test]
@@ -137,8 +163,16 @@ fn what_nothing_of_this_explains_has_no_cause() {
 
 /// Observations of three cameras whose clocks are known wrongly: what is found of them.
 fn by_clocks(true_clock: CameraClock, rate_hz: f64, said_slower: f64) -> Vec<Finding> {
+    by_streams((true_clock, rate_hz, said_slower), |_| {}).unwrap()
+}
+
+/// The same of recordings that something was done to.
+fn by_streams(
+    (true_clock, rate_hz, said_slower): (CameraClock, f64, f64),
+    change: impl Fn(&mut Vec<CameraStream>),
+) -> Result<Vec<Finding>, PipelineError> {
     let (rig, body) = (rig(), body_markers(&Vehicle::paper()));
-    let streams: Vec<CameraStream> = (0..3)
+    let mut streams: Vec<CameraStream> = (0..3)
         .map(|k| {
             let (clock, rate_hz) =
                 if k == 1 { (true_clock, rate_hz) } else { (CameraClock::default(), 30.0) };
@@ -154,11 +188,39 @@ fn by_clocks(true_clock: CameraClock, rate_hz: f64, said_slower: f64) -> Vec<Fin
             own
         })
         .collect();
+    change(&mut streams);
     let clocks = ClockEvidence { streams };
     let times_ns: Vec<i64> = (10..70).map(|k| k * 33_333_333).collect();
     let joined = clocks.instants(&rig, body.len(), &times_ns, &[CameraClock::default(); 3]);
     let all: Observations = joined.iter().flatten().collect();
-    of_observations(&PoseEstimator::new(&rig, &body), &rig, &all, Some(clocks)).unwrap()
+    of_observations(&PoseEstimator::new(&rig, &body), &rig, &all, Some(clocks))
+}
+
+/// Phones are started by hand, and one of them filmed upside down, or their files were exchanged: the clock that the
+/// flight seemed to show then was wrong as well, and nothing explained the misfit.
+#[test]
+fn mixed_up_recordings_of_unknown_clocks_are_named() {
+    let late = CameraClock { offset_s: 0.4, ..CameraClock::default() };
+    let open = |streams: &mut Vec<CameraStream>| {
+        streams.iter_mut().skip(1).for_each(|s| s.prior = ClockPrior::unknown());
+    };
+    let turned = |streams: &mut Vec<CameraStream>| {
+        open(streams);
+        let turn = |o: &mut MarkerObservation| o.pixel = Vector2::new(639.0, 479.0) - o.pixel;
+        streams[1].observations.iter_mut().for_each(turn);
+    };
+    let exchanged = |streams: &mut Vec<CameraStream>| {
+        open(streams);
+        streams.swap(0, 1);
+        streams[0].observations.iter_mut().for_each(|o| o.camera = 0);
+        streams[1].observations.iter_mut().for_each(|o| o.camera = 1);
+    };
+    let cases: [(&dyn Fn(&mut Vec<CameraStream>), &str); 2] =
+        [(&turned, "cam2 turned upside down"), (&exchanged, "cam1 and cam2 exchanged")];
+    for (change, words) in cases {
+        let text = by_streams((late, 30.0, 1.0), change).unwrap_err().to_string();
+        assert!(text.contains(words) && !text.contains("; or "), "{text}");
+    }
 }
 
 #[test]
