@@ -25,6 +25,7 @@ mod reconstruct;
 mod refine;
 mod sharpness;
 mod solve;
+mod spread;
 mod stream;
 mod synchronize;
 #[cfg(test)]

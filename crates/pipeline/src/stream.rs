@@ -5,12 +5,13 @@ use crate::feed::{Clap, usual_interval_ns};
 use crate::markers::MarkerColors;
 use mavsight_geometry::{Matrix2, Vector2};
 use mavsight_pose::{
-    CameraStream, ClockPrior, GAP_INTERVALS, MarkerObservation, TrackedDetection, informative_stretches_ns,
+    CameraStream, ClockPrior, GAP_INTERVALS, TrackedDetection, informative_stretches_ns,
 };
 
 mod checked;
 mod frozen;
 mod order;
+mod standing;
 
 pub(crate) use frozen::leave_out_still;
 
@@ -310,9 +311,10 @@ impl Stream {
             let own = counts.get(color) == Some(&1);
             colors.of_marker.iter().position(|c| own && *c == color)
         };
-        let preferred = self.detections().filter(|d| d.is_preferred && is_inside(d.t_ns));
-        let observations: Vec<MarkerObservation> =
-            preferred.filter_map(|d| Some(d.of_marker(marker(d.color)?))).collect();
+        let standing = self.standing();
+        let is_likely = |d: &TrackedDetection| d.is_preferred && !standing.contains(&(d.color, d.track_id));
+        let likely = self.detections().filter(|d| is_likely(d) && is_inside(d.t_ns));
+        let observations = likely.filter_map(|d| Some(d.of_marker(marker(d.color)?))).collect();
         CameraStream { interval_s: self.interval_s(), readout: self.readout, observations, prior: self.clock }
     }
 

@@ -1,14 +1,12 @@
 //! Balls of a marker's colour and size that stand in the room.
 
+use crate::spread::Spread;
 use mavsight_geometry::{Camera, ImagePoint, Matrix2, Vector2, Vector3, triangulate};
 use mavsight_pose::{Association, BodyMarker, Rig, TrackedDetection};
 use std::collections::BTreeMap;
 
 /// Part of the instants in which what stands is seen: half of that in which a marker counts as seen throughout.
 const OFTEN: f64 = 0.45;
-
-/// What moves less in an image stands: half a pixel, which is more than centres err.
-const STANDS_PX: f64 = 0.5;
 
 /// Rays that miss each other by less meet, in pixels: systematic errors of centres, of the cameras, and of what
 /// is no ball.
@@ -26,20 +24,17 @@ pub(crate) struct Unclaimed {
 
 #[derive(Debug, Clone, Copy, Default)]
 struct Sums {
-    count: f64,
-    pixel: Vector2<f64>,
-    square_px2: f64,
+    spread: Spread,
     diameter_px: f64,
 }
 
 impl Sums {
-    fn middle(&self) -> Vector2<f64> {
-        self.pixel / self.count
+    fn stands(&self, instants: usize) -> bool {
+        self.spread.count() as f64 >= (OFTEN * instants as f64).max(3.0) && self.spread.stands()
     }
 
-    fn stands(&self, instants: usize) -> bool {
-        let spread_px2 = self.square_px2 / self.count - self.middle().norm_squared();
-        self.count >= (OFTEN * instants as f64).max(3.0) && spread_px2 < STANDS_PX * STANDS_PX
+    fn mean_diameter_px(&self) -> f64 {
+        self.diameter_px / self.spread.count() as f64
     }
 }
 
@@ -53,9 +48,7 @@ impl Unclaimed {
                 continue;
             }
             let sums = self.tracks.entry((own.camera, own.color, own.track_id)).or_default();
-            sums.count += 1.0;
-            sums.pixel += own.pixel;
-            sums.square_px2 += own.pixel.norm_squared();
+            sums.spread.add(&own.pixel);
             sums.diameter_px += own.diameter_px;
         }
     }
@@ -78,7 +71,7 @@ impl Unclaimed {
                 let marker = colors.iter().position(|c| c == color).and_then(|m| markers.get(m));
                 let Some(marker) = marker else { continue };
                 let image = |camera: usize, sums: &Sums| -> BallImage<'_> {
-                    (&rig.cameras[camera].camera, sums.middle(), sums.diameter_px / sums.count)
+                    (&rig.cameras[camera].camera, sums.spread.middle(), sums.mean_diameter_px())
                 };
                 let place = place([image(*camera, one), image(*other_camera, other)], 2.0 * marker.radius_m);
                 out.extend(place.map(|place| (*color, place)));
