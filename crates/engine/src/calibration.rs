@@ -9,7 +9,7 @@ use mavsight_pipeline::{
     calibrate_from_observations, calibrate_from_stills, wand_of,
 };
 use mavsight_pose::{MovedObject, PoseError, Rig};
-use mavsight_session::{FrameSource, Session, SessionError, read_image};
+use mavsight_session::{FrameSource, Session, SessionCamera, SessionError, read_image};
 
 /// Calibrates the cameras of a session: from stills of its control points or from clicked pixels, together
 /// with a wand and a board where it has them. A session that names a rig file has the cameras of that.
@@ -106,20 +106,26 @@ pub(crate) fn objects_with(
         && let [a, b] = wand.ball[..]
     {
         let wand = Wand { length_m: wand.length_m, length_std_m: wand.length_std_m, balls: [a, b] };
-        objects.push(wand_of(&wand, feeds_if_any(session, |k| session.open_wand(k))?)?);
+        objects.push(wand_of(&wand, feeds_if_any(session, "wand", |k| session.open_wand(k))?)?);
     }
     if let Some(board) = &session.file.board {
-        let feeds = feeds_if_any(session, |k| session.open_board(k))?;
+        let feeds = feeds_if_any(session, "board", |k| session.open_board(k))?;
         let feeds = feeds.into_iter().map(|feed| feed.map(&through)).collect();
         objects.push(board_of(board, feeds)?);
     }
     Ok(objects)
 }
 
+/// What each camera filmed of an object, at the size in which it films the flight.
 fn feeds_if_any(
     session: &Session,
+    object: &str,
     open: impl Fn(usize) -> Result<Option<FrameSource>, SessionError>,
 ) -> Result<Vec<Option<CameraFeed<'static>>>, EngineError> {
-    let feed = |k: usize| Ok(open(k)?.map(|source| feed_of(&session.cameras()[k], k == 0, source)));
-    (0..session.cameras().len()).map(feed).collect()
+    let feed = |(k, camera): (usize, &SessionCamera)| {
+        let Some(source) = input(open(k))? else { return Ok(None) };
+        input(session.require_size_of(object, k, source.size()))?;
+        Ok(Some(feed_of(camera, k == 0, source)))
+    };
+    session.cameras().iter().enumerate().map(feed).collect()
 }

@@ -4,9 +4,7 @@ use crate::PipelineError;
 use crate::feed::{Clap, usual_interval_ns};
 use crate::markers::MarkerColors;
 use mavsight_geometry::{Matrix2, Vector2};
-use mavsight_pose::{
-    CameraStream, ClockPrior, GAP_INTERVALS, TrackedDetection, informative_stretches_ns,
-};
+use mavsight_pose::{CameraStream, ClockPrior, GAP_INTERVALS, TrackedDetection, informative_stretches_ns};
 
 mod checked;
 mod frozen;

@@ -298,7 +298,10 @@ mod tests {
         let tracked = flown(vec![stream(0, exact, 30.0, 0..300), spoilt]);
         let clock = tracked.clocks[1];
         let error_s = clock.clock.offset_s - 63.7e-3;
-        assert!(clock.verdict == ClockVerdict::SetRight && error_s.abs() < 4.0 * clock.offset_std_s, "{clock}");
+        assert!(
+            clock.verdict == ClockVerdict::SetRight && error_s.abs() < 4.0 * clock.offset_std_s,
+            "{clock}"
+        );
         assert!(clock.offset_std_s < 0.5e-3 && errors(&tracked).0 < 2.0, "{clock}, {:?}", errors(&tracked));
     }
 

@@ -219,6 +219,23 @@ impl Session {
         }
         Ok(())
     }
+
+    /// Refuses images of an object (`board` or `wand`) of another size than the camera films in: pixels of one are not those
+    /// of the other.
+    ///
+    /// # Errors
+    /// Both sizes and the remedy; [`Self::image_size`]'s.
+    pub fn require_size_of(&self, object: &str, camera: usize, size: ImageSize) -> Result<(), SessionError> {
+        let films = self.image_size(camera)?;
+        if size == films {
+            return Ok(());
+        }
+        let detail = format!(
+            "its {object} was filmed at {}×{} px, but it films at {}×{}: film the {object} anew, with the settings of the flight",
+            size.width_px, size.height_px, films.width_px, films.height_px
+        );
+        Err(SessionError::value(&self.path, format!("camera {}", self.camera(camera)?.name), detail))
+    }
 }
 
 /// The cameras of a rig that have some names, in the order of these, with what is not known of them.

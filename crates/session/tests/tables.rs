@@ -6,6 +6,7 @@ mod common;
 
 use common::{Folder, data};
 use mavsight_flight::{InputSeries, Vehicle};
+use mavsight_geometry::ImageSize;
 use mavsight_model::Model;
 use mavsight_pipeline::{ControlPointRow, Refinement};
 use mavsight_session::tables::{read_control_pixels, read_control_points, read_inputs};
@@ -14,6 +15,26 @@ use mavsight_session::{
     write_inputs, write_toml, write_vehicle,
 };
 use std::path::{Path, PathBuf};
+
+/// Images of the board in a phone's other mode were taken for what it films in: "cam2 was moved by 242 px".
+#[test]
+fn a_board_of_another_size_than_the_flight_is_refused() {
+    let folder = Folder::new();
+    let path = session(&folder);
+    let still = |width_px, height_px| {
+        let size = ImageSize { width_px, height_px };
+        let frame = mavsight_vision::Frame::from_rgb(size, vec![128; 3 * size.area_px()]).unwrap();
+        mavsight_session::write_png(&folder.path("still.png"), &frame).unwrap();
+        size
+    };
+    still(1280, 720);
+    let mut session = Session::load(&path).unwrap();
+    session.file.camera[0].video = PathBuf::new();
+    let size = |width_px, height_px| ImageSize { width_px, height_px };
+    session.require_size_of("board", 0, size(1280, 720)).unwrap();
+    let why = session.require_size_of("board", 0, size(640, 360)).unwrap_err().to_string();
+    assert!(why.contains("cam1") && why.contains("640×360") && why.contains("1280×720"), "{why}");
+}
 
 const POINTS: &str = "name,x_m,y_m,z_m,diameter_m,color\na,0,0,0,0.06,#c83030\nb,1,0,0,0.06,#2c9030\n";
 

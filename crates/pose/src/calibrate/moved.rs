@@ -96,17 +96,22 @@ impl MovedObject {
             radius_m: 0.0,
         };
         let points = (0..columns * rows).map(corner).collect();
+        let width_m = columns.max(rows) as f64 * square_m;
         Self {
             name: "board".to_owned(),
             points,
             scale_std: 0.0,
-            doubt: ObjectDoubt::default(),
+            doubt: ObjectDoubt { points_std_m: BOARD_STD * width_m, ..ObjectDoubt::default() },
             observations,
             lags: None,
             images: Vec::new(),
         }
     }
 }
+
+/// Standard deviation of a board's corners, in each direction, as a part of its longer side: a sheet on cardboard bows by a
+/// millimetre in a metre. With it the corners' places are estimated too (Lavest, Viala & Dhome 1998; Strobl & Hirzinger 2011).
+const BOARD_STD: f64 = 1e-3;
 
 /// Places of an object that enter, spread over all: a hundred reduce noise below the systematic errors.
 const MOST_PLACES: usize = 100;
