@@ -55,10 +55,9 @@ fn clock_of(camera: &SessionCamera, is_first: bool, size: ImageSize) -> ClockPri
     }
     match camera.line_time_s {
         Some(LineTime::Known(line_time_s)) => prior.clock.line_time_s = line_time_s,
-        Some(LineTime::Unknown(_)) => {
+        Some(LineTime::Unknown(_)) | None => {
             prior.line_time_std_s = LONGEST_READOUT_S / f64::from(size.height_px.max(1));
         }
-        None => {}
     }
     prior
 }

@@ -52,8 +52,7 @@ pub(super) fn solve(problem: &mut Problem<'_>, out: &mut [ClockEstimate]) {
         (first..problem.streams.len()).filter(is_free).map(|k| (k, part)).collect()
     };
     let (offsets, drifts, lines) = (free(OFFSET), free(DRIFT), free(LINE_TIME));
-    let mut unknowns: Vec<Unknown> = offsets.iter().chain(&lines).copied().collect();
-    if unknowns.is_empty() || problem.instants.is_empty() {
+    if (offsets.is_empty() && lines.is_empty()) || problem.instants.is_empty() {
         return;
     }
     let mut clocks: Vec<CameraClock> = problem.streams.iter().map(|s| s.prior.clock).collect();
@@ -62,37 +61,48 @@ pub(super) fn solve(problem: &mut Problem<'_>, out: &mut [ClockEstimate]) {
         coarse(problem, &mut clocks, *camera);
     }
     problem.leave_out_leaps(&clocks);
-    let Some(mut found) = best_end(problem, clocks, &unknowns) else {
+    let Some(mut found) = best_end(problem, clocks, &offsets) else {
         let (speed_px_s, needed_px_s, needed_m_s) = (0.0, f64::INFINITY, f64::INFINITY);
         let unseen = ClockVerdict::TooSlow { speed_px_s, needed_px_s, needed_m_s };
         return offsets.iter().for_each(|(k, _)| out[*k].verdict = unseen);
     };
-    // A drift is estimated where its offset is determined, and kept where it is not by chance.
+    // A drift is estimated where its offset is determined. Drifts and line times are kept where they are not by chance.
     let is_determined = |(k, _): &Unknown| {
         let limit_s = DETERMINED_INTERVALS * problem.streams[*k].interval_s;
-        unknowns.iter().zip(&found.std).any(|(u, std)| *u == (*k, OFFSET) && *std <= limit_s)
+        offsets.iter().zip(&found.std).any(|(u, std)| *u == (*k, OFFSET) && *std <= limit_s)
     };
-    let wanted: Vec<Unknown> = drifts.into_iter().filter(is_determined).collect();
-    let mut drift_std = vec![f64::INFINITY; problem.streams.len()];
-    let with: Vec<Unknown> = unknowns.iter().chain(&wanted).copied().collect();
-    let drifting = if wanted.is_empty() { None } else { descend(problem, found.clocks.clone(), &with) };
-    if let Some(drifting) = drifting {
-        let mut kept = Vec::new();
-        for (u, (k, part)) in with.iter().enumerate().skip(unknowns.len()) {
-            drift_std[*k] = drifting.std[u];
-            if drifting.clocks[*k].drift.abs() > SIGNIFICANT * drifting.std[u] {
-                kept.push((*k, *part));
-            }
-        }
-        if kept.len() == wanted.len() {
-            (found, unknowns) = (drifting, with);
-        } else if !kept.is_empty() {
-            unknowns.extend(kept);
-            let Some(again) = descend(problem, found.clocks.clone(), &unknowns) else { return };
-            found = again;
+    let mut more: Vec<Unknown> = drifts.into_iter().filter(is_determined).chain(lines).collect();
+    offsets.iter().for_each(|(k, _)| out[*k].drift_std = f64::INFINITY);
+    while !more.is_empty() {
+        let unknowns: Vec<Unknown> = offsets.iter().chain(&more).copied().collect();
+        let Some(with) = descend(problem, found.clocks.clone(), &unknowns) else {
+            more.clear();
+            break;
+        };
+        let before = more.len();
+        more = significant(&with, &unknowns[offsets.len()..], out);
+        if more.len() == before {
+            found = with;
+            break;
         }
     }
-    conclude(problem, &found, &unknowns, &drift_std, out);
+    let unknowns: Vec<Unknown> = offsets.into_iter().chain(more).collect();
+    conclude(problem, &found, &unknowns, out);
+}
+
+/// Those of the last unknowns that are not by chance; the standard deviations of all are noted.
+fn significant(with: &Found, last: &[Unknown], out: &mut [ClockEstimate]) -> Vec<Unknown> {
+    let first = with.std.len() - last.len();
+    let mut kept = Vec::new();
+    for ((camera, part), std) in last.iter().zip(&with.std[first..]) {
+        let of = if *part == DRIFT { &mut out[*camera].drift_std } else { &mut out[*camera].line_time_std_s };
+        *of = *std;
+        let mut clock = with.clocks[*camera];
+        if clock.parts()[*part].abs() > SIGNIFICANT * std {
+            kept.push((*camera, *part));
+        }
+    }
+    kept
 }
 
 /// The clocks that fit best, with the problem's poses and systematic errors; `None` where nothing is seen by two cameras.
@@ -267,13 +277,7 @@ fn deviations(problem: &Problem<'_>, sums: &Sums, inverse: &DMatrix<f64>) -> Vec
 }
 
 /// What is made of the clocks shown.
-fn conclude(
-    problem: &Problem<'_>,
-    found: &Found,
-    unknowns: &[Unknown],
-    drift_std: &[f64],
-    out: &mut [ClockEstimate],
-) {
+fn conclude(problem: &Problem<'_>, found: &Found, unknowns: &[Unknown], out: &mut [ClockEstimate]) {
     for ((camera, part), std) in unknowns.iter().zip(&found.std) {
         let (stream, of) = (&problem.streams[*camera], &found.sums.by_camera[*camera]);
         let (estimate, std) = (&mut out[*camera], *std);
@@ -282,13 +286,10 @@ fn conclude(
             DRIFT => estimate.drift_std = std,
             LINE_TIME => {
                 estimate.line_time_std_s = std;
-                if estimate.shown.line_time_s.abs() > SIGNIFICANT * std {
-                    estimate.clock.line_time_s = estimate.shown.line_time_s;
-                }
+                estimate.clock.line_time_s = estimate.shown.line_time_s;
             }
             _ => {
                 estimate.offset_std_s = std;
-                estimate.drift_std = drift_std[*camera];
                 let speed_px_s = (of.speed2 / of.observations.max(1.0)).max(0.0).sqrt();
                 let limit_s = DETERMINED_INTERVALS * stream.interval_s;
                 let shift_s = (estimate.shown.offset_s - stream.prior.clock.offset_s).abs();

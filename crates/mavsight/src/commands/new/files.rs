@@ -66,7 +66,10 @@ fn session(folder: &Path, answers: &Answers) -> Result<String> {
         if let Some(still) = &camera.still {
             writeln!(out, "still = {}", seen_from(folder, still))?;
         }
-        writeln!(out, "# line_time_s = \"estimate\"        # for a rolling shutter: most phones have one")?;
+        writeln!(
+            out,
+            "# line_time_s = 0            # for a global shutter; else the flight shows the time from row to row"
+        )?;
     }
     Ok(out)
 }
