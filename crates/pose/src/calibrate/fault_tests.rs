@@ -130,6 +130,23 @@ fn faults_of_many_seeds_are_named() {
     }
 }
 
+/// A ball before a rod of its colour, in one camera of three: its place in the table was said to be wrong.
+#[test]
+fn an_image_that_is_off_in_one_of_three_cameras_is_left_out_there_alone() {
+    let mut random = Random::new(23, 0);
+    let mut controls = around(0.15, &mut random);
+    controls[2].points[4].pixel += mavsight_geometry::Vector2::new(1.6, -1.4);
+    let rig = calibrate(&controls).unwrap();
+    let [left_out] = &rig.left_out[..] else { panic!("{:?}", rig.left_out) };
+    assert_eq!((left_out.name.as_str(), left_out.camera.as_deref()), ("p4", Some("cam3")));
+    assert!(
+        left_out.to_string().contains("of cam3") && !left_out.to_string().contains("measure"),
+        "{left_out}"
+    );
+    let used = |camera: usize| rig.cameras[camera].points.iter().filter(|p| p.used).count();
+    assert_eq!([0, 1, 2].map(used), [12, 12, 11]);
+}
+
 #[test]
 fn good_points_are_kept() {
     let (mut random, mut alarms) = (Random::new(77, 0), vec![]);

@@ -197,6 +197,9 @@ impl fmt::Display for LeftOut {
             write!(out, " of {camera}")?;
         }
         match &self.reason {
+            LeftOutReason::Displaced if self.camera.is_some() => out.write_str(
+                ": its image there is not where the other cameras and its place in the table put it; look at that image",
+            ),
             LeftOutReason::Displaced => {
                 out.write_str(": its image is not where its place in the table puts it; measure it again")
             }

@@ -178,10 +178,16 @@ fn decide(problem: &Problem, mut found: Vec<Explanation>) -> Result<Explanation,
     Err(refusal(problem, &all))
 }
 
-/// Leaves a misplaced point out of all cameras if enough remain: other lines of view may hide its error.
+/// Leaves a misplaced point out of all cameras if enough remain: another line of view may hide its error. Two others that agree
+/// with its place in the table do not.
 fn distrust_everywhere(problem: &Problem, best: &mut Explanation) {
     let Suspicion::Observation(k) = best.suspicion else { return };
     let point = problem.observations[k].point;
+    let others =
+        problem.observations.iter().zip(&best.without.used).filter(|(o, used)| o.point == point && **used);
+    if others.count() > 1 {
+        return;
+    }
     let mut without = best.without.clone();
     let own = problem.observations.iter().zip(&mut without.used).filter(|(o, _)| o.point == point);
     own.for_each(|(_, used)| *used = false);
