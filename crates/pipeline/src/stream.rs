@@ -8,6 +8,7 @@ use mavsight_pose::{CameraStream, ClockPrior, GAP_INTERVALS, TrackedDetection, i
 
 mod checked;
 mod frozen;
+mod gaps;
 mod order;
 mod standing;
 
@@ -348,24 +349,6 @@ impl Stream {
         }));
         notes.extend(self.gaps());
         notes
-    }
-
-    /// Frames missing between those that came; copies came.
-    fn gaps(&self) -> Option<String> {
-        let interval_ns = self.interval_s() * 1e9;
-        let mut came: Vec<i64> = self.stamps_ns.iter().chain(&self.faults.copies_ns).copied().collect();
-        came.sort_unstable();
-        let gaps: Vec<(i64, i64)> = came
-            .windows(2)
-            .filter(|w| (w[1] - w[0]) as f64 > GAP_INTERVALS * interval_ns)
-            .map(|w| (w[0], ((w[1] - w[0]) as f64 / interval_ns).round() as i64 - 1))
-            .collect();
-        let (first_ns, first) = *gaps.first()?;
-        let missing: i64 = gaps.iter().map(|g| g.1.max(1)).sum();
-        let places =
-            if gaps.len() > 1 { format!(" in {} places, the first", gaps.len()) } else { String::new() };
-        let (name, first_s, first) = (&self.name, first_ns as f64 * 1e-9, first.max(1));
-        Some(format!("{name}: {missing} frame(s) are missing{places} after {first_s:.3} s ({first} there)."))
     }
 }
 

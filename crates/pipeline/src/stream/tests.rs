@@ -73,6 +73,17 @@ fn copied_backward_and_missing_frames_are_noted_with_camera_and_time() {
     assert!(note.contains("cam2: 3 frame(s) are missing in 2 places, the first after 0.067 s (2"), "{note}");
 }
 
+/// A ramp of slow motion was "270 frame(s) are missing in 90 places", and its speeds were believed.
+#[test]
+fn frames_that_come_more_slowly_for_a_while_are_not_missing() {
+    let ramp = |k: u8| {
+        if k < 40 { f64::from(k) } else { 39.0 + 4.0 * f64::from(k.min(60) - 39) + f64::from(k.max(60) - 60) }
+    };
+    let stamps: Vec<(f64, u8)> = (0..100).map(|k| (ramp(k), k)).collect();
+    let [note] = &stream(&stamps).notes()[..] else { panic!("{:?}", stream(&stamps).notes()) };
+    assert!(note.contains("from 1.300 to 4.100 s its frames are 4.0 times as far apart"), "{note}");
+}
+
 #[test]
 fn a_long_run_of_copies_is_a_frozen_camera_and_not_a_converters() {
     let shades = |k: u8| match k {

@@ -196,9 +196,15 @@ impl fmt::Display for ClockEstimate {
                 } else {
                     "two cameras never see it together: give time_offset_s".to_owned()
                 };
+                // What noise adds to the speeds is taken off their squares.
+                let speed = if speed_px_s > 0.0 {
+                    format!("balls move at {speed_px_s:.1} px/s")
+                } else {
+                    "their noise hides how balls move where two cameras see them".to_owned()
+                };
                 write!(
                     f,
-                    "taken as given: the flight is too slow to determine its offset (balls move at {speed_px_s:.1} px/s; {remedy})"
+                    "taken as given: the flight is too slow to determine its offset ({speed}; {remedy})"
                 )
             }
         }
