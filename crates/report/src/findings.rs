@@ -72,12 +72,24 @@ fn takes_in(first: &mut Advice, next: &Advice) -> bool {
 fn unmeasured(results: &RunResults) -> Option<Advice> {
     let (all, missing) = (results.poses.len(), results.poses.iter().filter(|p| p.estimate.is_err()).count());
     let share = missing as f64 / all.max(1) as f64;
+    let between = results.poses.split(|p| p.estimate.is_ok()).collect::<Vec<_>>();
+    let is_at_the_ends = between.len() > 2 && between[1..between.len() - 1].iter().all(|gap| gap.is_empty());
+    let (what, remedy) = if is_at_the_ends {
+        (
+            format!("{missing} of {all} instants, before the first pose or after the last, have none."),
+            "Let all cameras film, with the aircraft in their view, before it flies and until it has landed.",
+        )
+    } else {
+        (
+            format!("{missing} of {all} instants have no pose."),
+            "Look for what hides the balls, or place a further camera: at each instant three balls must be visible to two \
+             cameras, or four to one.",
+        )
+    };
     (missing > 0).then(|| Advice {
         harm: if share > MANY_UNMEASURED { Harm::Fault } else { Harm::Missing },
-        what: format!("{missing} of {all} instants have no pose."),
-        remedy: "Look for what hides the balls, or place a further camera: at each instant three balls must be visible to two \
-                 cameras, or four to one."
-            .to_owned(),
+        what,
+        remedy: remedy.to_owned(),
     })
 }
 
@@ -269,8 +281,9 @@ fn ended(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mavsight_geometry::Isometry3;
     use mavsight_pipeline::{Cause, Finding};
-    use mavsight_pose::{PoseError, PoseSample};
+    use mavsight_pose::{PoseError, PoseEstimate, PoseSample};
 
     #[test]
     fn a_remedy_is_split_from_what_was_found() {
@@ -319,5 +332,23 @@ mod tests {
         let all = of(&results, &[spoilt, note]);
         let what: Vec<&str> = all.iter().map(|a| a.what.as_str()).collect();
         assert_eq!(what, ["cam1 froze.", "1 of 1 instants have no pose.", "cam1: red is small."]);
+    }
+
+    /// Where one camera began half a second later, twelve instants had no pose, and the user was to look for what hides the balls.
+    #[test]
+    fn instants_before_the_first_pose_ask_for_no_other_camera() {
+        let estimate = PoseEstimate::new(Isometry3::identity(), &nalgebra::Matrix6::identity());
+        let of_poses = |known: &[bool]| {
+            let one = |(k, known): (usize, &bool)| PoseSample {
+                t_ns: k as i64,
+                estimate: if *known { Ok(estimate.clone()) } else { Err(PoseError::NotMeasured) },
+            };
+            let poses = known.iter().enumerate().map(one).collect();
+            unmeasured(&RunResults { poses, ..RunResults::default() }).unwrap()
+        };
+        let at_the_ends = of_poses(&[false, true, true, true, false]);
+        assert!(at_the_ends.what.contains("before the first pose"), "{}", at_the_ends.what);
+        let inside = of_poses(&[false, true, false, true]);
+        assert!(inside.remedy.contains("hides"), "{}", inside.remedy);
     }
 }
