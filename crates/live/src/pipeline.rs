@@ -142,6 +142,11 @@ impl LivePipeline {
         self.cameras.get(camera).filter(|_| self.has_begun()).map(|c| c.interval_s)
     }
 
+    /// Median time between the frames of the slowest camera.
+    pub fn longest_interval_ns(&self) -> i64 {
+        (1e9 * self.cameras.iter().map(|c| c.interval_s).fold(0.0, f64::max)) as i64
+    }
+
     /// Common time of a camera's stamp.
     pub fn time_ns(&self, camera: usize, stamp_ns: i64) -> i64 {
         self.cameras.get(camera).map_or(stamp_ns, |c| c.clock.time_ns(stamp_ns))

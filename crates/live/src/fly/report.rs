@@ -15,6 +15,7 @@ const REPORT_NS: i64 = 1_000_000_000;
 
 impl Flight<'_> {
     pub(super) fn report_instants(&mut self) {
+        let interval_ns = self.pipeline.longest_interval_ns();
         while let Some(mut instant) = self.pipeline.next_instant() {
             if self.is_mixed_up {
                 instant.association.sample.estimate = Err(PoseError::MixedUp);
@@ -34,7 +35,7 @@ impl Flight<'_> {
             }
             let motion = self.motion.push(sample);
             let was_acquiring = self.tracking.state == Tracking::Acquiring;
-            let tracking = self.tracking.saw(instant.t_ns, sample.estimate.is_ok());
+            let tracking = self.tracking.saw(instant.t_ns, sample.estimate.is_ok(), interval_ns);
             let mut measured = sample.estimate.as_ref().ok().map(|e| events::measured(e, motion.as_ref()));
             if let Some(measured) = &mut measured {
                 let turn = &mut measured.world_from_body.rotation;

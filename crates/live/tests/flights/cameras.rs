@@ -254,5 +254,9 @@ fn an_aircraft_that_is_gone_is_lost_and_found_and_nothing_is_sent_meanwhile() {
     assert!(found.0 < 2.75 && found.2 == Tracking::Reacquired && found.3 > 0, "{found:?}");
     // Where no camera films there is no instant.
     assert!(!flown.instants.iter().any(|i| (2.95..3.35).contains(&i.0)), "{:?}", flown.instants);
+    // Nothing was missed then, and yet its first pose does not follow from the last.
+    let before = flown.instants.iter().rfind(|i| i.0 < 2.95).unwrap();
+    let again = flown.instants.iter().find(|i| i.0 > 3.35 && i.1).unwrap();
+    assert!(again.2 == Tracking::Reacquired && again.3 > before.3, "{before:?} {again:?}");
     assert!(flown.instants.iter().any(|i| i.0 > 3.6 && i.1));
 }
