@@ -58,6 +58,12 @@ pub enum SessionError {
         /// What it was opened by.
         place: PathBuf,
     },
+    /// A camera whose source has ended.
+    #[error("{}: its source has ended: look at the camera, its power and its network", place.display())]
+    Ended {
+        /// What it was opened by.
+        place: PathBuf,
+    },
     /// The ffmpeg program is needed and missing.
     #[error("{}: reading it needs the ffmpeg program ({reason}), and {program:?} cannot be started: install it with `apt-get install ffmpeg`, or convert the recording to MP4 with H.264", path.display())]
     NeedsFfmpeg {

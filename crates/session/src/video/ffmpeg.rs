@@ -147,6 +147,13 @@ const DAMAGE: [&str; 6] = [
     "Error submitting",
 ];
 
+/// Whether a line is of the statistics or the encoder, which ffmpeg names at every end.
+fn is_statistics(line: &str) -> bool {
+    // From version 6 on the name of the output stands before them.
+    let own = line.strip_prefix('[').and_then(|l| l.split_once("] ")).map_or(line, |(_, rest)| rest);
+    ["frame=", "video:", "encoder"].iter().any(|begin| own.starts_with(begin))
+}
+
 /// What the `showinfo` filter says of a frame.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Shown {
@@ -196,7 +203,7 @@ fn listen(stderr: ChildStderr, out: &Sender<Shown>, words: &Mutex<Words>) {
                 let _ = out.send(Shown { t_ns: nanoseconds(base, pts), matrix });
                 frames += 1;
             }
-        } else if !line.is_empty() {
+        } else if !line.is_empty() && !is_statistics(&line) {
             let mut words = words.lock().unwrap_or_else(PoisonError::into_inner);
             if DAMAGE.iter().any(|word| line.contains(word)) {
                 words.complaints.push((frames, line.clone()));
@@ -287,5 +294,25 @@ impl Drop for FfmpegFrames {
         // A program that has ended already cannot be killed: nothing is left to do then.
         drop(self.child.kill());
         drop(self.child.wait());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn statistics_are_no_reason() {
+        for line in [
+            "encoder         : Lavc59.37.100 wrapped_avframe",
+            "frame=  239 fps= 30 q=-0.0 Lsize=  107551kB time=00:00:00.00 bitrate=N/A speed=   0x",
+            "video:110kB audio:0kB subtitle:0kB other streams:0kB global headers:0kB muxing overhead: 97%",
+            "[out#0/yuv4mpegpipe @ 0x5581] video:110KiB audio:0KiB subtitle:0KiB",
+        ] {
+            assert!(is_statistics(line), "{line}");
+        }
+        for line in ["tcp://cam:1: Connection refused", "[h264 @ 0x55] error while decoding MB 3 4"] {
+            assert!(!is_statistics(line), "{line}");
+        }
     }
 }

@@ -9,10 +9,14 @@ use std::path::PathBuf;
 use std::process::{Child, ChildStdout, Command};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 /// Stamps further than this from the system's clock are not by it: no camera is so late.
 const MOST_APART_NS: i64 = 60_000_000_000;
+
+/// Looks whether a program has ended whose pictures have: it has only its last words to say then, even on a busy computer.
+const MOMENTS: usize = 25;
+const MOMENT: Duration = Duration::from_millis(20);
 
 /// What a camera's `live = "…"` asks ffmpeg for. A text that begins with a dash is its options and input, to
 /// which is only added that Video4Linux shall stamp by the system's clock; anything else is the input, whose
@@ -91,7 +95,8 @@ impl LiveVideo {
     /// Waits for the next frame: its time by the system's clock, nanoseconds of the UNIX epoch.
     ///
     /// # Errors
-    /// The end: ffmpeg's last words, but for [`SessionError::Silent`] of one that its stopper ended.
+    /// The end: [`SessionError::Ended`] where ffmpeg found nothing wrong, [`SessionError::Silent`] of one that its
+    /// stopper ended, and otherwise ffmpeg's last words.
     pub fn next_frame(&mut self) -> Result<(i64, Arc<Frame>), SessionError> {
         if let Some(stdout) = self.stdout.take() {
             // Without a header the reason is among the program's words.
@@ -99,14 +104,7 @@ impl LiveVideo {
         }
         let piece = self.frames.as_mut().map(Y4mFrames::piece);
         let (Some(Piece::Frame(_, mut frame)), Ok(shown)) = (piece, self.listener.shown.recv()) else {
-            // What the program said before it was ended here is no reason.
-            if self.is_stopped.load(Ordering::Relaxed) {
-                return Err(SessionError::Silent { place: self.place.clone() });
-            }
-            // The listening thread may be a moment behind the end of the pictures.
-            std::thread::sleep(std::time::Duration::from_millis(20));
-            let last = self.listener.words().last();
-            return Err(self.failed(if last.is_empty() { "it ended".to_owned() } else { last }));
+            return Err(self.end());
         };
         if let Pixels::Yuv420 { matrix, .. } = &mut frame.pixels {
             *matrix = shown.matrix;
@@ -116,6 +114,28 @@ impl LiveVideo {
             self.check_clock(t_ns)?;
         }
         Ok((t_ns, Arc::new(frame)))
+    }
+
+    /// Why there are no more pictures.
+    fn end(&self) -> SessionError {
+        // The program and the thread that listens to it may be a moment behind the end of the pictures.
+        let mut status = None;
+        for _ in 0..MOMENTS {
+            std::thread::sleep(MOMENT);
+            status = self.child.lock().unwrap_or_else(PoisonError::into_inner).try_wait().ok().flatten();
+            if status.is_some() {
+                break;
+            }
+        }
+        // What the program said before it was ended here is no reason.
+        if self.is_stopped.load(Ordering::Relaxed) {
+            return SessionError::Silent { place: self.place.clone() };
+        }
+        let last = self.listener.words().last();
+        if last.is_empty() || status.is_some_and(|s| s.success()) {
+            return SessionError::Ended { place: self.place.clone() };
+        }
+        self.failed(last)
     }
 
     fn check_clock(&self, t_ns: i64) -> Result<(), SessionError> {
@@ -195,6 +215,11 @@ mod tests {
         let end = (0..1000).find_map(|_| video.next_frame().err());
         // It was said that ffmpeg had failed, with what it says of any stream.
         assert!(matches!(end, Some(SessionError::Silent { .. })), "{end:?}");
+        // What ended it was ffmpeg's statistics.
+        let live = "-use_wallclock_as_timestamps 1 -f lavfi -i testsrc=size=64x48:rate=50:duration=0.2";
+        let mut short = LiveVideo::open(live, &program).unwrap();
+        let end = (0..1000).find_map(|_| short.next_frame().err());
+        assert!(matches!(end, Some(SessionError::Ended { .. })), "{end:?}");
         let by_another =
             LiveVideo::open("-f lavfi -i testsrc=size=64x48:rate=50", &program).unwrap().next_frame();
         assert!(by_another.unwrap_err().to_string().contains("-use_wallclock_as_timestamps"));
