@@ -83,6 +83,9 @@ fn by_flight(
     if session.cameras().len() < LEAST_BY_FLIGHT {
         return Err(few.into());
     }
+    if !session.cameras().iter().all(SessionCamera::is_recorded) {
+        return Err(before_flight(few));
+    }
     let Ok(feeds) = camera_feeds(session) else { return Err(few.into()) };
     let Ok(aircraft) = aircraft_of(&session.vehicle, feeds) else { return Err(few.into()) };
     objects.push(aircraft);
@@ -90,6 +93,16 @@ fn by_flight(
         PipelineError::Pose { source: PoseError::FewControlPoints { .. }, .. } => refused.into(),
         _ => few.into(),
     })
+}
+
+/// A refusal that names the ways out before a flight.
+fn before_flight(few: PipelineError) -> EngineError {
+    match few {
+        PipelineError::ControlBalls { camera, found, wanted, missing } => {
+            EngineError::BeforeFlight { camera, found, wanted, missing }
+        }
+        other => other.into(),
+    }
 }
 
 fn objects_of(session: &Session) -> Result<Vec<MovedObject>, EngineError> {

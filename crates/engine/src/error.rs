@@ -21,6 +21,20 @@ pub enum EngineError {
     /// A vehicle or inputs that are not valid.
     #[error(transparent)]
     Vehicle(#[from] FlightError),
+    /// A camera that sees too few control balls to be calibrated before its flight, by which it could be.
+    #[error(
+        "{camera}: only {found} of {wanted} control balls were found in the still (missing: {missing}): at least 6 are needed, as a flight that is still to come cannot calibrate it; move the camera or the balls until 6 are in the image; if they are, check their colours or click on them (`mavsight pick`); or film a flight, name its recordings in `video`, calibrate by it (`mavsight calibrate`) and name the rig.toml in `[rig]`"
+    )]
+    BeforeFlight {
+        /// Camera name.
+        camera: String,
+        /// Balls found.
+        found: usize,
+        /// Balls in the table.
+        wanted: usize,
+        /// Names of those not found.
+        missing: String,
+    },
     /// Calibration, tracking or identification failed.
     #[error(transparent)]
     Pipeline(#[from] PipelineError),

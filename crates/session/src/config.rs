@@ -83,6 +83,10 @@ impl Session {
     /// one.
     pub fn open_camera(&self, camera: usize) -> Result<FrameSource, SessionError> {
         let camera = self.camera(camera)?;
+        if !camera.is_recorded() {
+            let detail = "has no recording: give it `video`, or fly it live (`mavsight live`)";
+            return Err(SessionError::value(&self.path, format!("camera {}", camera.name), detail));
+        }
         open_film(camera, &camera.video)
     }
 
@@ -112,7 +116,7 @@ impl Session {
     /// or its recording of the wand or of the board.
     pub fn image_size(&self, camera: usize) -> Result<ImageSize, SessionError> {
         let own = self.camera(camera)?;
-        if !is_empty(&own.video) {
+        if own.is_recorded() {
             return Ok(self.open_camera(camera)?.size());
         }
         if let Some(still) = &own.still {
@@ -206,7 +210,7 @@ impl Session {
     /// # Errors
     /// The first such camera; recordings that cannot be read.
     pub fn require_sizes(&self, rig: &Rig, path: &Path) -> Result<(), SessionError> {
-        let recorded = |k: &(usize, _)| self.cameras().get(k.0).is_some_and(|c| !is_empty(&c.video));
+        let recorded = |k: &(usize, _)| self.cameras().get(k.0).is_some_and(SessionCamera::is_recorded);
         for (k, own) in rig.cameras.iter().enumerate().filter(recorded) {
             let (filmed, size) = (self.image_size(k)?, own.camera.size);
             if filmed != size {

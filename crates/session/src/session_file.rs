@@ -165,6 +165,13 @@ pub struct SessionCamera {
     pub interlaced: Option<FieldOrder>,
 }
 
+impl SessionCamera {
+    /// Whether it has a recording; one that is only flown live need not.
+    pub fn is_recorded(&self) -> bool {
+        !is_empty(&self.video)
+    }
+}
+
 /// The line time of a rolling shutter.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(

@@ -129,13 +129,14 @@ pub(super) fn of_error(error: &EngineError) -> CheckItem {
     };
     let by_click = matches!(
         error,
-        EngineError::Pipeline(
-            PipelineError::ControlBalls { .. }
-                | PipelineError::Vision {
-                    source: VisionError::ColorsTooClose { .. } | VisionError::ColorTooGrey { .. },
-                    ..
-                }
-        )
+        EngineError::BeforeFlight { .. }
+            | EngineError::Pipeline(
+                PipelineError::ControlBalls { .. }
+                    | PipelineError::Vision {
+                        source: VisionError::ColorsTooClose { .. } | VisionError::ColorTooGrey { .. },
+                        ..
+                    }
+            )
     );
     CheckItem { harm: Harm::Stops, causes, by_click, ..CheckItem::of_note(format!("{error}.")) }
 }
