@@ -25,7 +25,7 @@ use mavsight_flight::Vehicle;
 use mavsight_geometry::ImageSize;
 use mavsight_pipeline::{CameraFeed, Progress, Tracked};
 use mavsight_pose::Rig;
-use mavsight_session::{Session, SessionError, read_image};
+use mavsight_session::{Session, SessionCamera, SessionError, read_image};
 use mavsight_vision::Frame;
 
 /// One camera before a run.
@@ -78,6 +78,11 @@ pub struct SessionCheck {
 }
 
 impl SessionCheck {
+    /// Whether the films of a flight were looked at; of one that is only flown live, stills and calibration alone are.
+    pub fn is_filmed(&self) -> bool {
+        self.cameras.iter().any(|camera| camera.frames > 0)
+    }
+
     /// Whether nothing has to be mended before the flight is run.
     pub fn is_ready(&self) -> bool {
         self.items.iter().all(|item| item.harm == Harm::Remark)
@@ -123,13 +128,19 @@ const MORE: usize = 2;
 
 /// Each step ends the look where it finds what the next cannot do without.
 fn look_into(session: &Session, progress: &dyn Progress, out: &mut SessionCheck) {
+    let unfilmed = unfilmed(session);
     for (k, own) in session.cameras().iter().enumerate() {
-        match session.open_camera(k) {
-            Ok(source) => {
-                (out.cameras[k].size, out.cameras[k].announced) =
-                    (Some(source.size()), source.declared_frames());
+        if unfilmed.contains(&own.name.as_str()) {
+            // A size that is not known is refused with the calibration.
+            out.cameras[k].size = session.image_size(k).ok();
+        } else {
+            match session.open_camera(k) {
+                Ok(source) => {
+                    (out.cameras[k].size, out.cameras[k].announced) =
+                        (Some(source.size()), source.declared_frames());
+                }
+                Err(error) => out.items.push(items::of_file(&own.name, k, &error)),
             }
-            Err(error) => out.items.push(items::of_file(&own.name, k, &error)),
         }
         if let Some(still) = &own.still
             && let Ok(frame) = read_image(still)
@@ -149,6 +160,7 @@ fn look_into(session: &Session, progress: &dyn Progress, out: &mut SessionCheck)
         }
     };
     for (camera, own) in out.cameras.iter_mut().zip(&rig.cameras) {
+        camera.size.get_or_insert(own.camera.size);
         camera.calibration_rms_px = Some(own.residual_rms_px).filter(|rms| *rms > 0.0);
     }
     out.items.extend(rig.notes().map(|text| CheckItem { harm: Harm::Remark, ..CheckItem::of_note(text) }));
@@ -160,9 +172,24 @@ fn look_into(session: &Session, progress: &dyn Progress, out: &mut SessionCheck)
         out.items.push(turned.unwrap_or_else(|| items::of_error(&EngineError::Input(error))));
         return;
     }
+    if !unfilmed.is_empty() {
+        out.items.push(items::of_unfilmed(&unfilmed));
+        return;
+    }
+    look_at_films(session, &rig, progress, out);
+}
+
+/// Names of the cameras that are flown live and have no recording.
+fn unfilmed(session: &Session) -> Vec<&str> {
+    let is_unfilmed = |c: &&SessionCamera| c.live.is_some() && !c.is_recorded();
+    session.cameras().iter().filter(is_unfilmed).map(|c| c.name.as_str()).collect()
+}
+
+/// Looks at the beginnings of the films, longer where something is to be mended.
+fn look_at_films(session: &Session, rig: &Rig, progress: &dyn Progress, out: &mut SessionCheck) {
     let before = std::mem::take(out);
     for part in [Part::First, Part::Long] {
-        let look = Look { session, rig: &rig, part, progress };
+        let look = Look { session, rig, part, progress };
         *out = before.clone();
         match look.film(&session.vehicle, |_, feed| feed) {
             Ok(film) => of_film(&look, &film, out),

@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used)]
 
-use mavsight_engine::{EngineError, calibrate};
+use mavsight_engine::{EngineError, Harm, calibrate, check};
 use mavsight_pipeline::NoProgress;
 use mavsight_session::{Session, read_image, write_png};
 use mavsight_vision::Frame;
@@ -42,4 +42,26 @@ fn a_camera_that_a_flight_would_calibrate_is_refused_before_it_with_the_ways_out
     assert!(matches!(refused, EngineError::BeforeFlight { found: 0, wanted: 8, .. }), "{refused}");
     let said = refused.to_string();
     assert!(said.contains("move the camera") && said.contains("mavsight calibrate"), "{said}");
+    let found = check(&session, &NoProgress);
+    assert!(
+        !found.is_ready() && found.items.iter().any(|item| item.text.contains(&said)),
+        "{:?}",
+        found.items
+    );
+}
+
+#[test]
+fn check_looks_at_the_calibration_of_a_session_that_is_only_flown_live() {
+    let Some(session) = flown_live("check-live", &[]) else { return };
+    let found = check(&session, &NoProgress);
+    assert!(found.is_ready() && !found.is_filmed(), "{:?}", found.items);
+    assert!(
+        found.items.iter().any(|i| i.harm == Harm::Remark && i.text.starts_with("cam1, cam2: flown live"))
+    );
+    for camera in &found.cameras {
+        assert!(camera.size.is_some() && camera.calibration_rms_px.is_some_and(|px| px < 1.0), "{camera:?}");
+        assert_eq!(camera.still.as_ref().unwrap().1.len(), 8);
+    }
+    let refused = session.open_camera(0).err().unwrap().to_string();
+    assert!(refused.contains("cam1") && refused.contains("no recording"), "{refused}");
 }

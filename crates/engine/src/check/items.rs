@@ -107,6 +107,16 @@ pub(super) fn of_part(camera: &CameraCheck) -> Option<CheckItem> {
     Some(CheckItem { harm: Harm::Remark, ..CheckItem::of_note(text) })
 }
 
+/// That cameras are flown live, and that no markers were looked for.
+pub(super) fn of_unfilmed(names: &[&str]) -> CheckItem {
+    let text = format!(
+        "{}: flown live, without a recording to look at: the calibration was looked at, and no markers were. They are looked for in the \
+         flight (`mavsight live`).",
+        names.join(", ")
+    );
+    CheckItem { harm: Harm::Remark, ..CheckItem::of_note(text) }
+}
+
 /// A recording that cannot be read.
 pub(super) fn of_file(name: &str, camera: usize, error: &SessionError) -> CheckItem {
     let causes = if is_without_picture(error) { vec![Cause::NoPicture] } else { Vec::new() };

@@ -21,7 +21,11 @@ pub(crate) fn check(args: &Check) -> Result<()> {
     super::check_page::write(&page, &found, by_click.as_deref())?;
     outln!("Pictures: {}", page.display());
     anyhow::ensure!(found.is_ready(), "{}: mend this first", path.display());
-    outln!("Next: mavsight run {} --out {}", path.display(), path.with_file_name("results").display());
+    if found.is_filmed() {
+        outln!("Next: mavsight run {} --out {}", path.display(), path.with_file_name("results").display());
+    } else {
+        outln!("Next: mavsight live {}", path.display());
+    }
     Ok(())
 }
 

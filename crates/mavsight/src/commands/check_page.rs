@@ -20,13 +20,13 @@ const ACROSS: usize = 3;
 /// Writes the page; `by_click` says what of the list a click may mend.
 pub(super) fn write(path: &Path, found: &SessionCheck, by_click: Option<&str>) -> Result<()> {
     let mend: Vec<&CheckItem> = found.items.iter().filter(|i| i.harm != Harm::Remark).collect();
-    let lead = if mend.is_empty() {
-        "All is ready: the cameras are calibrated, and the markers are found and identified.".to_owned()
-    } else {
-        format!(
-            "Mend first: {}",
-            if mend.len() == 1 { "one fault.".into() } else { format!("{} faults.", mend.len()) }
-        )
+    let lead = match mend.len() {
+        0 if found.is_filmed() => {
+            "All is ready: the cameras are calibrated, and the markers are found and identified.".to_owned()
+        }
+        0 => "The cameras are calibrated; without a recording no markers were looked for.".to_owned(),
+        1 => "Mend first: one fault.".to_owned(),
+        more => format!("Mend first: {more} faults."),
     };
     let mut report = Report {
         title: format!("mavsight check: {}", found.name),
