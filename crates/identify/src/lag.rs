@@ -36,7 +36,7 @@ impl Lag {
 pub enum Clocks {
     /// The lag that was found.
     Lag(Lag),
-    /// The lag is beyond so many seconds: residuals are least there.
+    /// The lag is beyond so many seconds: one there explains the motion clearly better ([`far_lag`]).
     Beyond(f64),
     /// The inputs move too little to determine it.
     Undetermined,
@@ -71,7 +71,8 @@ impl Clocks {
                  check that inputs and motion are of the same flight, or give --lag."
             )),
             Self::Undetermined => Some(
-                "The inputs move too little to determine their clock against the motion's: both are taken as equal."
+                "The inputs move too little to determine their clock against the motion's, or are of another flight: both clocks are \
+                 taken as equal."
                     .to_owned(),
             ),
             _ => None,
@@ -126,9 +127,15 @@ pub fn estimate_lag(
     reach_s: f64,
 ) -> Result<Clocks, IdentifyError> {
     let search = LagSearch::new(motion, inputs, vehicle, options)?;
+    // Where inputs move little, residuals are least at an end of the search by chance.
+    let beyond = || match far_lag(motion, inputs, vehicle, options, reach_s) {
+        Ok(Some(_)) => Clocks::Beyond(reach_s),
+        // Where the search further out is refused, nothing shows that clocks differ either.
+        Ok(None) | Err(_) => Clocks::Undetermined,
+    };
     let mut lag_s = match search.coarse(reach_s)? {
         Coarse::Inside(lag_s) => lag_s,
-        Coarse::End => return Ok(Clocks::Beyond(reach_s)),
+        Coarse::End => return Ok(beyond()),
         Coarse::Flat => return Ok(Clocks::Undetermined),
     };
     let step_s = 0.02 / search.bandwidth_hz;
@@ -139,7 +146,7 @@ pub fn estimate_lag(
             break;
         }
         if lag_s.abs() > reach_s {
-            return Ok(Clocks::Beyond(reach_s));
+            return Ok(beyond());
         }
         if step.abs() < 1e-3 * std_s || step.abs() < 1e-9 {
             return Ok(Clocks::Lag(Lag { lag_s, std_s }));
@@ -252,11 +259,17 @@ impl<'a> LagSearch<'a> {
 
     /// Σ n ln(RSS), with n the number of rows that are not correlated.
     fn scatter(&self, lag_s: f64) -> Result<f64, IdentifyError> {
+        self.weighted_scatter(lag_s, |rows, _| rows)
+    }
+
+    /// Σ w ln(RSS), with weights of the numbers of uncorrelated rows and of coefficients.
+    fn weighted_scatter(&self, lag_s: f64, weight: fn(f64, usize) -> f64) -> Result<f64, IdentifyError> {
         let mut sum = 0.0;
         for equation in &self.equations {
             let at = self.lagged(equation, lag_s)?;
             let squares = least_squares(&at.x, &at.y, Correlation::White)?.residuals.norm_squared();
-            sum += at.rows.len() as f64 / at.correlated_rows() as f64 * squares.max(f64::MIN_POSITIVE).ln();
+            let rows = at.rows.len() as f64 / at.correlated_rows() as f64;
+            sum += weight(rows, equation.independent.len()) * squares.max(f64::MIN_POSITIVE).ln();
         }
         Ok(sum)
     }

@@ -5,6 +5,7 @@ use crate::{IdentifyError, Options};
 use mavsight_flight::{InputSeries, Vehicle};
 use mavsight_pose::{Doubts, Motion, MotionSample};
 use statrs::distribution::{ChiSquared, ContinuousCDF};
+use statrs::function::gamma::digamma;
 
 /// Lags that [`far_lag`] tries, at most, either way: as far as people are out of step who start two recordings.
 const FAR_S: f64 = 5.0;
@@ -17,7 +18,8 @@ const PART_S: f64 = 20.0;
 ///
 /// The lag is that of least residuals on a grid of a sixteenth of a period of the low-pass, and its standard deviation one
 /// step of that. It is clearly better where twice the logarithm of the likelihood is larger by more than the 99.9 % quantile
-/// of chi-square, with a degree of freedom for each coefficient, is above its mean: that much a fit of noise may gain.
+/// of chi-square, with a degree of freedom for each coefficient, is above its mean: that much a fit of noise may gain. Of
+/// few rows it gains more by chance, for which the likelihood is corrected (Bartlett 1937).
 /// Inputs' ends are held. Of a long flight, the 20 s are searched in which the aircraft turns most.
 ///
 /// # Errors
@@ -36,7 +38,7 @@ pub fn far_lag(
     let (mut near, mut beyond) = ((f64::INFINITY, 0.0), (f64::INFINITY, 0.0));
     let mut look = |lag_s: f64| {
         let least = if lag_s.abs() <= reach_s { &mut near } else { &mut beyond };
-        let misfit = search.scatter(lag_s)?;
+        let misfit = search.weighted_scatter(lag_s, counted)?;
         if misfit < least.0 {
             *least = (misfit, lag_s);
         }
@@ -57,6 +59,16 @@ pub fn far_lag(
     let by_noise =
         ChiSquared::new(coefficients).map_or(f64::INFINITY, |c| c.inverse_cdf(0.999) - coefficients);
     Ok((near.0 - beyond.0 > by_noise).then_some(Lag { lag_s: beyond.1, std_s: 0.25 * step_s }))
+}
+
+/// The weight of an equation's logarithm of squared residuals by which a fit of noise gains as many as it has coefficients,
+/// as chi-square has it: RSS over the sum of squares is then beta-distributed. Of many rows it is their number.
+fn counted(rows: f64, coefficients: usize) -> f64 {
+    let coefficients = coefficients as f64;
+    if rows <= coefficients {
+        return 0.0;
+    }
+    coefficients / (digamma(0.5 * rows) - digamma(0.5 * (rows - coefficients)))
 }
 
 /// The part of a flight in which the sum of its squared rates is the largest, with the inputs of that time.
@@ -83,4 +95,17 @@ fn turning_most(motion: &Motion, inputs: &InputSeries) -> Result<(Motion, InputS
         ..*motion
     };
     Ok((motion, InputSeries::new(inputs.names(), times_s, values)?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn few_rows_count_less_than_many() {
+        // By ψ(n + 1) = ψ(n) + 1/n: of 4 rows and 2 coefficients 2 / (1/1), of 6 and 2 2 / (1/2).
+        assert!((counted(4.0, 2) - 2.0).abs() < 1e-9 && (counted(6.0, 2) - 4.0).abs() < 1e-9);
+        assert!((counted(1e5, 3) / 1e5 - 1.0).abs() < 1e-4);
+        assert_eq!(counted(2.0, 2), 0.0);
+    }
 }
