@@ -337,7 +337,7 @@ mod tests {
     /// Where one camera began half a second later, twelve instants had no pose, and the user was to look for what hides the balls.
     #[test]
     fn instants_before_the_first_pose_ask_for_no_other_camera() {
-        let estimate = PoseEstimate::new(Isometry3::identity(), &nalgebra::Matrix6::identity());
+        let estimate = PoseEstimate::new(Isometry3::identity(), &Default::default());
         let of_poses = |known: &[bool]| {
             let one = |(k, known): (usize, &bool)| PoseSample {
                 t_ns: k as i64,
