@@ -18,6 +18,7 @@ mod assemble;
 mod colour;
 mod comparison;
 mod condense;
+mod contradicted;
 mod covariance;
 mod determined;
 mod disagreement;

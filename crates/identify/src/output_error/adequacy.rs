@@ -7,7 +7,7 @@ use super::{Disagreement, OutputErrorFit};
 use crate::IdentifyError;
 
 /// Chance that a fit is doubted whose model lacks nothing.
-const LEVEL: f64 = 0.01;
+pub(super) const LEVEL: f64 = 0.01;
 /// Signals that are named: one fault often shows in a force and in a moment, or along two axes.
 const SIGNALS_SAID: usize = 3;
 

@@ -2,6 +2,7 @@
 
 use super::colour::Colour;
 use super::condense::Linear;
+use super::contradicted::{Contradicted, Found};
 use super::covariance::Covariance;
 use super::determined::typical_sizes;
 use super::filter::{NOISES, VELOCITY};
@@ -30,7 +31,7 @@ pub(super) fn assemble(solved: &Solved<'_>) -> Result<OutputErrorFit, IdentifyEr
     let problem = &fitter.problem;
     let channels = problem.measurements.channels();
     let p = fitter.free().len();
-    let Covariance { bound, coloured, uneven, lag } =
+    let Covariance { bound, coloured, uneven, lag, step } =
         Covariance::new(linear, fitter.free().len(), &problem.measurements.series())?;
     let mut covariance = no_less_than(&bound, &coloured);
     if let Some(uneven) = &uneven {
@@ -54,8 +55,10 @@ pub(super) fn assemble(solved: &Solved<'_>) -> Result<OutputErrorFit, IdentifyEr
             identifiable: t * std < sizes[k] && !is_stopped(*parameter, std),
         }
     };
-    let parameters: Vec<FittedParameter> = fitter.free().iter().enumerate().map(fitted).collect();
-    let derived = derived(fitter, &covariance, t);
+    let mut parameters: Vec<FittedParameter> = fitter.free().iter().enumerate().map(fitted).collect();
+    let found = Found { bound: &bound, covariance: &covariance, step: &step, sizes: &sizes };
+    let contradicted = Contradicted::new(fitter, &found);
+    let derived = derived(fitter, &covariance, t, &contradicted);
     let largest_gap_m = fitter.at.gaps().map(|gap| gap.rows(0, 3).norm()).fold(0.0, f64::max);
     let variances = colour.map(|c| c.variances().collect::<Vec<f64>>());
     let factor = |(k, w): (usize, &f64)| w.powi(-2) * variances.as_ref().map_or(1.0, |v| v[k]);
@@ -66,7 +69,9 @@ pub(super) fn assemble(solved: &Solved<'_>) -> Result<OutputErrorFit, IdentifyEr
     let mut notes: Vec<String> = late(&parameters, has_one_clock).into_iter().collect();
     notes.extend(self::notes(&parameters, systematic, lag, uneven.is_some()));
     notes.extend(stopped(parameters.iter().filter(|p| is_stopped(p.parameter, p.std))));
+    notes.extend(contradicted.words(&parameters, &derived));
     notes.extend(unmodelled(&process_noise));
+    contradicted.withhold(&mut parameters);
     Ok(OutputErrorFit {
         parameters,
         covariance,
@@ -135,17 +140,24 @@ fn unmodelled(process_noise: &[(String, f64)]) -> Option<String> {
 }
 
 /// Derived quantities with intervals of so many standard deviations, from the covariance of the estimates.
-fn derived(fitter: &Fitter<'_>, covariance: &DMatrix<f64>, t: f64) -> Vec<DerivedQuantity> {
+fn derived(
+    fitter: &Fitter<'_>,
+    covariance: &DMatrix<f64>,
+    t: f64,
+    contradicted: &Contradicted,
+) -> Vec<DerivedQuantity> {
     let (model, places) = (&fitter.point.model, &fitter.problem.equations.places);
     let by = fitter.problem.equations.dynamics.free();
     let values = model.model().derived_values(model.values(), by);
     let own = covariance.select_rows(places).select_columns(places);
+    let moves = contradicted.moves.select_rows(places);
     let quantity = |(d, (value, slopes)): (&Derived, (f64, Vec<f64>))| {
         let slopes = DVector::from_vec(slopes);
         let std = slopes.dot(&(&own * &slopes)).max(0.0).sqrt();
         let unit = d.unit.filter(|unit| *unit != Unit::ONE).map_or_else(String::new, |unit| unit.to_string());
         let (ci_low, ci_high) = (value - t * std, value + t * std);
-        DerivedQuantity { name: d.name.clone(), unit, value, std, ci_low, ci_high, identifiable: true }
+        let identifiable = slopes.dot(&moves).abs() <= std;
+        DerivedQuantity { name: d.name.clone(), unit, value, std, ci_low, ci_high, identifiable }
     };
     let all = model.model().derived.iter().zip(values).map(quantity);
     all.filter(|d| d.value.is_finite() && d.std > 0.0 && d.std.is_finite()).collect()

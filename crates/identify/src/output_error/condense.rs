@@ -257,7 +257,8 @@ impl Linear {
     pub(crate) fn bound(&self, parameters: usize) -> Result<Bound, IdentifyError> {
         let all = inverse(&self.information()).ok_or(IdentifyError::RankZero)?;
         let covariance = all.view((self.tangent, self.tangent), (parameters, parameters)).into_owned();
-        Ok(Bound { covariance, influence: all.rows(self.tangent, parameters) * self.by() })
+        let step = self.step(&all).rows(self.tangent, parameters).into_owned();
+        Ok(Bound { covariance, influence: all.rows(self.tangent, parameters) * self.by(), step })
     }
 }
 
@@ -266,4 +267,6 @@ pub(crate) struct Bound {
     pub(crate) covariance: DMatrix<f64>,
     /// What a unit of each row's noise does to the parameters: parameters by rows.
     pub(crate) influence: DMatrix<f64>,
+    /// What the parameters would still move by, bounds left aside.
+    pub(crate) step: DVector<f64>,
 }

@@ -3,7 +3,7 @@
 use super::condense::{Bound, Linear};
 use crate::IdentifyError;
 use crate::robust_covariance::{bartlett_sum, widening};
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
 
 pub(crate) struct Covariance {
@@ -15,6 +15,8 @@ pub(crate) struct Covariance {
     /// they differ.
     pub(crate) uneven: Option<DMatrix<f64>>,
     pub(crate) lag: usize,
+    /// What the parameters would still move by, bounds left aside.
+    pub(crate) step: DVector<f64>,
 }
 
 impl Covariance {
@@ -24,7 +26,7 @@ impl Covariance {
         parameters: usize,
         series: &[Range<usize>],
     ) -> Result<Self, IdentifyError> {
-        let Bound { covariance: bound, influence } = linear.bound(parameters)?;
+        let Bound { covariance: bound, influence, step } = linear.bound(parameters)?;
         // The priors' part of the bound is kept.
         let mut coloured = &bound - &influence * influence.transpose();
         let (mut spread, mut is_uneven, mut longest) = (coloured.clone(), false, 0);
@@ -40,7 +42,7 @@ impl Covariance {
             coloured += own;
             longest = longest.max(lag);
         }
-        Ok(Self { bound, coloured, uneven: is_uneven.then_some(spread), lag: longest })
+        Ok(Self { bound, coloured, uneven: is_uneven.then_some(spread), lag: longest, step })
     }
 }
 

@@ -9,7 +9,7 @@ use mavsight_geometry::svd::jacobi_svd;
 use nalgebra::DVector;
 
 /// A change by ten times a parameter's size must be seen by one standard deviation.
-const SEEN_SIZES: f64 = 10.0;
+pub(super) const SEEN_SIZES: f64 = 10.0;
 
 /// Part of a parameter's size by which the next step of a fit that has not converged moves it, to be named.
 const MOVING: f64 = 0.1;

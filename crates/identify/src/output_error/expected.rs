@@ -84,7 +84,7 @@ pub fn expected_fit(
     let fitter = Fitter::new(model, begin, Recorded { inputs, measurements: &measurements }, options)?;
     let linear = fitter.linearised(TIGHTNESS[3])?;
     let undetermined = refuse_undetermined(&fitter, &linear).err().map(|e| e.to_string());
-    let Bound { covariance, influence } = linear.bound(model.free().len())?;
+    let Bound { covariance, influence, .. } = linear.bound(model.free().len())?;
     let typical = typical_sizes(&fitter);
     let expected = |(k, parameter): (usize, &ModelParameter)| {
         let std = covariance[(k, k)].sqrt();

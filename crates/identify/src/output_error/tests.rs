@@ -1,4 +1,5 @@
 mod colour;
+mod contradicted;
 mod filter;
 mod image;
 mod pieces;
