@@ -14,9 +14,6 @@ use crate::{IdentifyError, student_quantile_975};
 use mavsight_model::{Derived, Unit};
 use nalgebra::{DMatrix, DVector};
 
-/// A parameter this near to a bound, in standard deviations, was stopped by it: steps towards a bound go a part of the way.
-const STOPPED: f64 = 1e-2;
-
 /// The fitted point, and the flight about it in rows of unit variance as far as `colour` explains them.
 pub(super) struct Solved<'a> {
     pub(super) fitter: Fitter<'a>,
@@ -40,7 +37,8 @@ pub(super) fn assemble(solved: &Solved<'_>) -> Result<OutputErrorFit, IdentifyEr
     let degrees = linear.places.len().saturating_sub(p + linear.tangent).max(1);
     let t = student_quantile_975(degrees);
     let sizes = typical_sizes(fitter);
-    let is_stopped = |parameter, std: f64| fitter.point.model.to_bound(parameter) < STOPPED * std;
+    let found = Found { bound: &bound, covariance: &covariance, step: &step, sizes: &sizes };
+    let contradicted = Contradicted::new(fitter, &found);
     let fitted = |(k, parameter): (usize, &ModelParameter)| {
         let (value, std) = (fitter.point.model.value(*parameter), covariance[(k, k)].sqrt());
         FittedParameter {
@@ -52,12 +50,10 @@ pub(super) fn assemble(solved: &Solved<'_>) -> Result<OutputErrorFit, IdentifyEr
             bound_std: bound[(k, k)].sqrt(),
             ci_low: value - t * std,
             ci_high: value + t * std,
-            identifiable: t * std < sizes[k] && !is_stopped(*parameter, std),
+            identifiable: t * std < sizes[k] && !contradicted.stopped.contains(&k),
         }
     };
     let mut parameters: Vec<FittedParameter> = fitter.free().iter().enumerate().map(fitted).collect();
-    let found = Found { bound: &bound, covariance: &covariance, step: &step, sizes: &sizes };
-    let contradicted = Contradicted::new(fitter, &found);
     let derived = derived(fitter, &covariance, t, &contradicted);
     let largest_gap_m = fitter.at.gaps().map(|gap| gap.rows(0, 3).norm()).fold(0.0, f64::max);
     let variances = colour.map(|c| c.variances().collect::<Vec<f64>>());
@@ -68,7 +64,6 @@ pub(super) fn assemble(solved: &Solved<'_>) -> Result<OutputErrorFit, IdentifyEr
     let has_one_clock = problem.measurements.are_of_sensors_alone();
     let mut notes: Vec<String> = late(&parameters, has_one_clock).into_iter().collect();
     notes.extend(self::notes(&parameters, systematic, lag, uneven.is_some()));
-    notes.extend(stopped(parameters.iter().filter(|p| is_stopped(p.parameter, p.std))));
     notes.extend(contradicted.words(&parameters, &derived));
     notes.extend(unmodelled(&process_noise));
     contradicted.withhold(&mut parameters);
@@ -102,18 +97,6 @@ fn criterion(Solved { fitter, linear, colour }: &Solved<'_>) -> Result<f64, Iden
         + squares
         + open
         + numbers as f64 * (linear.places.len() as f64).ln())
-}
-
-/// Parameters that a bound has stopped, in words.
-fn stopped<'a>(parameters: impl Iterator<Item = &'a FittedParameter>) -> Option<String> {
-    let names: Vec<&str> = parameters.map(|p| p.name.as_str()).collect();
-    (!names.is_empty()).then(|| {
-        format!(
-            "At a bound of the model's file, beyond which the flight asks for: {}. The interval of none of them holds, and the \
-             model lacks something or the bound is too narrow.",
-            names.join(", ")
-        )
-    })
 }
 
 /// Square roots of the densities of the process noise that was estimated.

@@ -4,10 +4,14 @@ use super::adequacy::LEVEL;
 use super::determined::SEEN_SIZES;
 use super::disagreement::chi_square_tail;
 use super::fitter::Fitter;
+use super::model::ModelParameter;
 use super::result::{DerivedQuantity, FittedParameter};
 use super::shooting::ParameterPrior;
 use crate::inverse::inverse;
 use nalgebra::{DMatrix, DVector};
+
+/// A parameter this near to a bound, in standard deviations, was stopped by it: steps towards a bound go a part of the way.
+const STOPPED: f64 = 1e-2;
 
 /// What a fit says of its free parameters.
 pub(super) struct Found<'a> {
@@ -32,16 +36,19 @@ struct ContradictedPrior {
     chi_square: f64,
 }
 
-/// Priors that the flight contradicts, and what hangs on them.
+/// Bounds and priors that the flight contradicts, and what hangs on them.
 pub(super) struct Contradicted {
+    /// Places of the parameters that a bound has stopped.
+    pub(super) stopped: Vec<usize>,
     /// The strongest first.
     priors: Vec<ContradictedPrior>,
-    /// What each free parameter would move by without them.
+    /// What each free parameter would move by without the bounds that have stopped some, and without those priors.
     pub(super) moves: DVector<f64>,
 }
 
 impl Contradicted {
-    /// Tests each prior at the level of 1 % over all of them.
+    /// Tests each prior at the level of 1 % over all of them. Without the bounds the parameters would go where the next step of
+    /// the fit leads.
     pub(super) fn new(fitter: &Fitter<'_>, found: &Found<'_>) -> Self {
         let (given, model) = (&fitter.problem.parameter_priors, &fitter.point.model);
         let value = |prior: &ParameterPrior| model.value(model.free()[prior.place]);
@@ -50,8 +57,17 @@ impl Contradicted {
             |c: &ContradictedPrior| chi_square_tail(c.chi_square, 1) * given.len() as f64 <= LEVEL;
         let mut priors: Vec<ContradictedPrior> = tested.filter(is_beyond).collect();
         priors.sort_by(|a, b| b.chi_square.total_cmp(&a.chi_square));
-        let moves = moves_without(&priors, found.bound);
-        Self { priors, moves }
+        let is_stopped = |(k, parameter): (usize, &ModelParameter)| {
+            let std = found.covariance[(k, k)].sqrt();
+            (model.to_bound(*parameter) < STOPPED * std).then_some(k)
+        };
+        let stopped: Vec<usize> = model.free().iter().enumerate().filter_map(is_stopped).collect();
+        let mut moves = moves_without(&priors, found.bound);
+        // Away from bounds the step is what the iteration has left, less than a tenth of a standard deviation.
+        if !stopped.is_empty() {
+            moves += found.step;
+        }
+        Self { stopped, priors, moves }
     }
 
     /// Parameters that would move by more than a standard deviation are not determined: what they are off by is then no
@@ -72,7 +88,7 @@ impl Contradicted {
                 c.prior.value, c.prior.std, c.chi_square
             )
         };
-        let moving = parameters.iter().zip(&self.moves).filter(|(p, by)| by.abs() > p.std);
+        let moving = parameters.iter().zip(&self.moves).filter(|(p, by)| p.identifiable && by.abs() > p.std);
         let names: Vec<&str> = moving
             .map(|(p, _)| p.name.as_str())
             .chain(derived.iter().filter(|d| !d.identifiable).map(|d| d.name.as_str()))
@@ -83,7 +99,18 @@ impl Contradicted {
                 names.join(", ")
             )
         });
-        self.priors.iter().map(prior).chain(hang).collect()
+        self.stopped_words(parameters).into_iter().chain(self.priors.iter().map(prior)).chain(hang).collect()
+    }
+
+    fn stopped_words(&self, parameters: &[FittedParameter]) -> Option<String> {
+        let names: Vec<&str> = self.stopped.iter().map(|k| parameters[*k].name.as_str()).collect();
+        (!names.is_empty()).then(|| {
+            format!(
+                "At a bound of the model's file, beyond which the flight asks for: {}. The interval of none of them holds, and the \
+                 model lacks something or the bound is too narrow: widen it.",
+                names.join(", ")
+            )
+        })
     }
 }
 

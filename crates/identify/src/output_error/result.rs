@@ -27,8 +27,8 @@ pub struct FittedParameter {
     pub ci_high: f64,
     /// Whether half the interval is less than the value itself, the value that the fit started from, or an
     /// effect of one hundredth of the weight (over three radii of gyration for a moment; per m/s, per 10 rad/s),
-    /// whichever is the largest; not where a bound has stopped the parameter, where it hangs on a prior that the flight
-    /// contradicts, nor where filter error contradicts the fit.
+    /// whichever is the largest; not where a bound has stopped the parameter, where it hangs on a bound or a prior that the
+    /// flight contradicts, nor where filter error contradicts the fit.
     pub identifiable: bool,
 }
 
@@ -47,7 +47,8 @@ pub struct DerivedQuantity {
     pub ci_low: f64,
     /// 95 % interval, to.
     pub ci_high: f64,
-    /// Whether it may be used: not where nothing of the fit may be, nor where it hangs on a prior that the flight contradicts.
+    /// Whether it may be used: not where nothing of the fit may be, nor where it hangs on a bound or a prior that the flight
+    /// contradicts.
     pub identifiable: bool,
 }
 

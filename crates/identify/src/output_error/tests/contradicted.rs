@@ -121,3 +121,38 @@ fn an_inertia_that_the_flight_contradicts_is_named() {
     let fit = output_error(&model, &inputs, &measured, &OutputErrorOptions::default()).expect("a fit");
     assert_eq!(contradicted(&fit), Some("I_yy"), "{:?}", fit.notes);
 }
+
+/// What goes with a parameter at its bound was up to 21 standard deviations off, and called determined.
+#[test]
+fn what_hangs_on_a_bound_is_not_determined() {
+    let flight = Flight::new(31);
+    for estimate in BOTH {
+        let fit = flight.with_tau_l("value = 0.03, free = true, min = 2e-3, max = 0.04", estimate);
+        let determined = determined(&fit);
+        for name in ["tau_l", "tau_f", "C_m,alpha_u", "C_m,alpha_l", "twice"] {
+            assert!(!determined.contains(&name), "{name}");
+        }
+        for name in ["tau_f", "C_m,alpha_l", "twice"] {
+            assert!(
+                fit.notes.iter().any(|n| n.starts_with("Not determined, ") && n.contains(name)),
+                "{name}"
+            );
+        }
+        for name in ["C_Z,u", "C_n,r", "thrusts"] {
+            assert!(determined.contains(&name), "{name}");
+        }
+        assert!(flight.worst(&fit) < 4.0, "{}", flight.worst(&fit));
+    }
+}
+
+/// A bound at the truth, beyond which the flight asks by chance alone, by less than a standard deviation.
+#[test]
+fn a_bound_that_chance_reaches_withholds_nothing_else() {
+    let flight = Flight::new(31);
+    let fit = flight.with_tau_l("value = 0.045, free = true, min = 2e-3, max = 0.05", output_error);
+    let withheld: Vec<&str> =
+        fit.parameters.iter().filter(|p| !p.identifiable).map(|p| p.name.as_str()).collect();
+    assert_eq!(withheld, ["tau_l"], "{:?}", fit.notes);
+    assert!(fit.derived.iter().all(|d| d.identifiable));
+    assert!(flight.worst(&fit) < 3.5, "{}", flight.worst(&fit));
+}
