@@ -1,6 +1,10 @@
 //! Covariance of estimates whose errors have a known colour.
 
+use crate::output_error::chi_square_tail;
 use nalgebra::{DMatrix, DVector};
+
+/// Chance that residuals are called smaller than the errors of the poses which are not.
+const LEVEL: f64 = 0.01;
 
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Coloured {
@@ -55,8 +59,8 @@ impl ResidualErrors {
 ///
 /// The residuals' level is distributed about as chi-square with tr((I - P)R)²/tr(((I - P)R)²) degrees of
 /// freedom (Satterthwaite 1946). Where the colour is known this is far less uncertain than sums of products
-/// of the scores, of which a record behind a low-pass holds few that are independent. `None` where gamma has
-/// no variance.
+/// of the scores, of which a record behind a low-pass holds few that are independent. The level is one where residuals are
+/// smaller than chance leaves errors of the covariance R ([`believed`]). `None` where gamma has no variance.
 pub(crate) fn coloured(
     columns: &DMatrix<f64>,
     bread: &DMatrix<f64>,
@@ -76,9 +80,16 @@ pub(crate) fn coloured(
     if trace.is_nan() || trace <= 0.0 || trace_of_square.is_nan() || trace_of_square <= 0.0 {
         return None;
     }
-    let covariance = bread * middle * bread * (residuals.norm_squared() / trace);
     let degrees = (trace * trace / trace_of_square).clamp(1.0, (rows - count).max(1) as f64);
+    let covariance = bread * middle * bread * believed(residuals.norm_squared() / trace, degrees);
     Some(Coloured { covariance, degrees })
+}
+
+/// A level of the errors that residuals show, if chance may leave it, by the chi-square of its degrees of freedom; else one,
+/// the level that the smoother has found from all poses. Columns that fit the errors as well leave residuals of nothing.
+pub(crate) fn believed(level: f64, degrees: f64) -> f64 {
+    let chance = 1.0 - chi_square_tail(degrees * level, degrees.round().max(1.0) as usize);
+    if chance < LEVEL { level.max(1.0) } else { level }
 }
 
 #[cfg(test)]
@@ -106,6 +117,26 @@ mod tests {
         assert!((&got.covariance - &dense).norm() < 1e-12 * dense.norm());
         let degrees = m.trace().powi(2) / (&m * &m).trace();
         assert!((got.degrees / degrees - 1.0).abs() < 1e-9, "{} is not {degrees}", got.degrees);
+    }
+
+    /// Residuals of nothing gave a standard deviation of nothing.
+    #[test]
+    fn residuals_that_vanish_do_not_make_an_estimate_exact() {
+        let (rows, gamma) = (40, (0..40).map(|l| (-0.5 * (f64::from(l) / 12.0).powi(2)).exp()));
+        let errors = ResidualErrors { gamma: gamma.collect(), once: Vec::new() };
+        let x = DMatrix::from_fn(rows, 3, |i, j| (i as f64 / 40.0).powi(j as i32));
+        let bread = (x.transpose() * &x).try_inverse().expect("regular");
+        let of = |level: f64| {
+            let residuals = DVector::from_element(rows, level);
+            coloured(&x, &bread, &residuals, &errors).expect("a covariance").covariance
+        };
+        let exact = &bread * x.tr_mul(&errors.spread(&x)) * &bread;
+        for level in [0.0, 1e-9] {
+            assert!((of(level) - &exact).norm() < 1e-12 * exact.norm());
+        }
+        assert!(of(1.0)[(0, 0)] > 10.0 * exact[(0, 0)]);
+        // A level that chance leaves, at seven degrees of freedom, stands.
+        assert_eq!((believed(0.31, 6.9), believed(0.1, 6.9), believed(3.0, 6.9)), (0.31, 1.0, 3.0));
     }
 
     #[test]

@@ -137,8 +137,11 @@ pub struct OutputFit {
     pub left_out: usize,
     /// More of that kind.
     pub diagnostics: Diagnostics,
-    /// Whether the fit is of use; if not, being further from what was measured than the mean is, none of its
-    /// parameters is determined.
+    /// Samples that the low-pass of both sides leaves independent: twice its half point times the time that is fitted
+    /// (Shannon 1949).
+    pub independent_samples: f64,
+    /// Whether the fit is of use; if not, being further from what was measured than the mean is, or of no more independent
+    /// samples than columns, none of its parameters is determined.
     pub explains: bool,
     /// What that means, in words.
     pub verdict: String,

@@ -1,7 +1,7 @@
 //! Equation error: the regression of each output by each estimator.
 
 use crate::blocks::widened;
-use crate::coloured::{Coloured, ResidualErrors, coloured};
+use crate::coloured::{Coloured, ResidualErrors, believed, coloured};
 use crate::dependence::Dependence;
 use crate::diagnostics::{agreement, autocorrelations, collinearity, correlations, press};
 use crate::fit::{
@@ -60,6 +60,8 @@ struct Regression<'a> {
     x_means: DVector<f64>,
     y_mean: f64,
     band: Band,
+    /// [`OutputFit::independent_samples`].
+    independent_samples: f64,
     lag: usize,
 }
 
@@ -116,6 +118,7 @@ impl<'a> Regression<'a> {
             x_means,
             y_mean,
             band,
+            independent_samples: 2.0 * high_hz * length_s,
             lag,
         })
     }
@@ -265,6 +268,7 @@ impl<'a> Regression<'a> {
             parameters,
             combinations,
             rank: solved.values.len(),
+            independent_samples: self.independent_samples,
             condition: diagnostics.collinearity.condition_indices.max(),
             line,
             left_out: self.table.instants_in_gaps(),
@@ -278,10 +282,13 @@ impl<'a> Regression<'a> {
 
     /// Whether a fit is of use: not where it is further from what was measured than the mean is, and further than
     /// least squares is from blocks that it leaves out. Total least squares ends there where the errors of regressors
-    /// are as large as what the flight moves. In the frequency domain the mean is no rival.
+    /// are as large as what the flight moves. In the frequency domain the mean is no rival. No more independent samples
+    /// than columns are met by any coefficients: what is left says nothing of their errors.
     fn explains(&self, diagnostics: &Diagnostics) -> bool {
         let own = diagnostics.fit.r2;
-        self.estimator == Estimator::FrequencyDomain || own >= 0.0 || own >= diagnostics.predicted_r2
+        let is_near =
+            self.estimator == Estimator::FrequencyDomain || own >= 0.0 || own >= diagnostics.predicted_r2;
+        is_near && self.independent_samples > self.basis.ncols() as f64
     }
 
     fn parameters(&self, solved: &Solved) -> (Vec<Parameter>, Vec<Combination>) {
@@ -348,6 +355,6 @@ fn in_band(x: &DMatrix<f64>, y: &DVector<f64>, spread: &DMatrix<f64>, fit: Least
     let expected = &left * &scaled * left.transpose();
     let level = residuals.norm_squared() / expected.trace();
     let degrees = (expected.trace().powi(2) / expected.norm_squared()).max(1.0);
-    let covariance = &influence * scaled * influence.transpose() * level;
+    let covariance = &influence * scaled * influence.transpose() * believed(level, degrees);
     Solved { values: fit.values, errors: Coloured { covariance, degrees } }
 }

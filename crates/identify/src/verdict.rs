@@ -23,6 +23,9 @@ pub(crate) fn combination(output: &Output, dependence: &Dependence, position: us
 }
 
 pub(crate) fn words(output: &Output, dependence: &Dependence, fit: &OutputFit) -> String {
+    if fit.independent_samples <= fit.rank as f64 {
+        return too_few_samples(output, fit);
+    }
     let explained = explained(output, fit);
     if !fit.explains {
         return explained + remedy(fit);
@@ -70,6 +73,15 @@ fn explained(output: &Output, fit: &OutputFit) -> String {
     format!(
         "The model explains {own} of {}; least squares, {left_out} of parts that it leaves out. ",
         output.name
+    )
+}
+
+/// What to do where columns fit whatever was measured.
+fn too_few_samples(output: &Output, fit: &OutputFit) -> String {
+    format!(
+        "{}: behind the low-pass (half at {:.2} Hz) the flight has {:.1} independent samples for {} independent columns, which fit \
+         whatever was measured: nothing is determined. Fly for longer, or a livelier manoeuvre, of which the smoother keeps more.",
+        output.name, output.bandwidth_hz, fit.independent_samples, fit.rank
     )
 }
 

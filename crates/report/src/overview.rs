@@ -5,7 +5,7 @@ use crate::findings::sentence_case;
 use crate::html::Figure;
 use crate::intervals::Estimates;
 use crate::overlay::Overlay;
-use crate::parameters::words;
+use crate::parameters::{lead, words};
 use crate::{Summary, space};
 use mavsight_flight::Vehicle;
 use mavsight_session::RunResults;
@@ -66,9 +66,16 @@ fn parameters(results: &RunResults, summary: &Summary) -> Option<String> {
     if let Some((inside, of)) = inside.and_then(|row| Some((row.value.get(0)?, row.value.get(1)?))) {
         text += &format!("; {inside} of {of} true values lie inside their 95 % intervals");
     }
+    let is_of_use = |output: &str| {
+        let fit = results.identification.as_ref().and_then(|i| i.fit(output, lead(i)?));
+        fit.is_none_or(|fit| fit.explains)
+    };
     let explained = summary.rows.iter().filter(|r| r.section == "fit").filter_map(|r| {
         let output =
             r.key.strip_suffix("_r2").filter(|o| !o.ends_with("predicted") && !o.contains("held_out"))?;
+        if !is_of_use(output) {
+            return None;
+        }
         Some(format!("{:.0} % of {output}", 100.0 * r.value.as_f64()?.max(0.0)))
     });
     let explained: Vec<String> = explained.collect();
