@@ -81,7 +81,8 @@ impl FlightFits {
         let is_contradicted = self.adequacy.contradiction.is_some();
         let late = self.adequacy.late_inputs().map(|term| {
             format!(
-                "Do not use its parameters: {} ({}); leave the lag free (without --lag).",
+                "Do not use its parameters: {} ({}); give the model a state for a servo or motor that follows its input with a lag, \
+                 or, for clocks that differ, leave the lag free (without --lag).",
                 term.explains,
                 term.test.map_or(String::new(), |t| format!(
                     "about {:.1} ms, chi-square {:.0}",

@@ -152,17 +152,25 @@ fn no_less_than(bound: &DMatrix<f64>, coloured: &DMatrix<f64>) -> DMatrix<f64> {
     bound.component_mul(&(&stretch * stretch.transpose()))
 }
 
-/// A lag of the inputs that is more than chance, in words. A log alone has one clock.
+/// A lag of the inputs that is more than chance, in words. A log alone has one clock. Up to first order a lag of an actuator and
+/// a delay act alike, so that the one passes for the other.
 fn late(parameters: &[FittedParameter], has_one_clock: bool) -> Option<String> {
     let lag = parameters.iter().find(|p| p.parameter == ModelParameter::InputLag);
     let p = lag.filter(|p| p.ci_low > 0.0 || p.ci_high < 0.0)?;
-    let (what, size) = if p.value > 0.0 { ("late", p.value) } else { ("early", -p.value) };
-    let advice = if has_one_clock { "" } else { ", but check the clocks" };
+    let is_late = p.value > 0.0;
+    let clocks = if has_one_clock { "" } else { ": check the clocks" };
+    let actuators = if is_late {
+        " It is no stand-in for a servo or motor that follows its input with a lag: give the model a state for that, or its \
+         parameters are wrong."
+    } else {
+        ""
+    };
     Some(format!(
-        "The inputs act {:.1} ± {:.1} ms {what} by the clock of the measurements, which is more than chance: the fit allows \
-         for it{advice}.",
-        1e3 * size,
-        1e3 * p.std
+        "The inputs act {:.1} ± {:.1} ms {} by the clock of the measurements, which is more than chance{clocks}. The fit allows for \
+         clocks that differ and for a delay.{actuators}",
+        1e3 * p.value.abs(),
+        1e3 * p.std,
+        if is_late { "late" } else { "early" }
     ))
 }
 
