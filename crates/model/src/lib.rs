@@ -16,6 +16,7 @@ mod program;
 mod read;
 pub mod regression;
 mod rigid_body;
+mod sensor_terms;
 mod shelf;
 mod signal_terms;
 mod start;

@@ -68,7 +68,8 @@ impl FlightFits {
     /// Where filter error contradicts output error, one of them is wrong: output error has taken what the model lacks for its
     /// parameters, or filter error has taken errors of the measurements that last for forces. None is determined of the one
     /// that explains the flight worse, and of neither where that is filter error though the residuals ask for terms that the
-    /// model lacks. Where the residuals ask most for inputs that act late, none of filter error is either.
+    /// model lacks. Where the residuals ask most for inputs that act late, none of filter error is either; where they ask for a
+    /// scale or an offset of a sensor, none of any.
     pub(super) fn doubt(&mut self, asked_for: Option<Result<AskedFor, IdentifyError>>) {
         let pair = (OUTPUT_ERROR.to_owned(), FILTER_ERROR.to_owned());
         let all = self.comparisons(None);
@@ -91,8 +92,10 @@ impl FlightFits {
                 ))
             )
         });
+        let asked = self.adequacy.asked_for.as_ref().and_then(|asked| asked.as_ref().ok());
+        let sensors = asked.and_then(AskedFor::sensor_words);
         for fit in [&mut self.poses, &mut self.image].into_iter().flatten() {
-            if is_contradicted || late.is_some() {
+            if is_contradicted || late.is_some() || sensors.is_some() {
                 fit.withhold();
             }
             fit.notes.splice(0..0, words.iter().cloned());
@@ -104,7 +107,7 @@ impl FlightFits {
             )
         });
         let Some(filter) = &mut self.filter else { return };
-        for why in late.into_iter().chain(refuted) {
+        for why in late.into_iter().chain(sensors).chain(refuted) {
             filter.withhold();
             filter.notes.insert(0, why);
         }
@@ -121,6 +124,17 @@ impl FlightFits {
 }
 
 impl AskedFor {
+    /// That sensors do not show what the file says: what they err by is in the parameters.
+    fn sensor_words(&self) -> Option<String> {
+        (!self.sensors.is_empty()).then(|| {
+            format!(
+                "Do not use its parameters: of scales and offsets of sensors, the residuals ask most for {}; calibrate that sensor, or \
+                 give it a free parameter in [outputs].",
+                strongest(&self.sensors)
+            )
+        })
+    }
+
     fn words(&self) -> String {
         let term = |t: &TriedTerm| format!("{}, {}{}", t.name, t.explains, chi_square(t));
         let mut words = Vec::new();
@@ -129,21 +143,23 @@ impl AskedFor {
             words.push(format!("The residuals ask for {}: --search tries it.", terms.join(", ")));
         }
         if !self.signals.is_empty() {
-            let strongest = self.signals.iter().take(SIGNALS_SAID);
-            let terms: Vec<String> = strongest
-                .map(|t| {
-                    let step =
-                        t.test.map_or(String::new(), |test| format!(", about {:+.2e} {}", test.step, t.unit));
-                    format!("{}{}{}", t.explains, step.trim_end(), chi_square(t))
-                })
-                .collect();
             words.push(format!(
                 "Of a lag of the inputs and of forces and moments that follow one signal, the residuals ask most for {}.",
-                terms.join("; ")
+                strongest(&self.signals)
             ));
         }
+        words.extend(self.sensor_words());
         words.join(" ")
     }
+}
+
+/// The strongest terms, with their sizes.
+fn strongest(terms: &[TriedTerm]) -> String {
+    let words = |t: &TriedTerm| {
+        let step = t.test.map_or(String::new(), |test| format!(", about {:+.2e} {}", test.step, t.unit));
+        format!("{}{}{}", t.explains, step.trim_end(), chi_square(t))
+    };
+    terms.iter().take(SIGNALS_SAID).map(words).collect::<Vec<_>>().join("; ")
 }
 
 fn chi_square(term: &TriedTerm) -> String {

@@ -115,7 +115,7 @@ fn unmodelled(process_noise: &[(String, f64)]) -> Option<String> {
     (!process_noise.is_empty()).then(|| {
         format!(
             "What the model lacks comes to {} m/s² along x, y, z and {} rad/s² about them in the mean of a second; the \
-             intervals allow for it where it changes, not for what is the same all the flight, such as wind.",
+             intervals allow for it as for white noise, not for what lasts, such as wind or a gust.",
             part(0),
             part(3)
         )

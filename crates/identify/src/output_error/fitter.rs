@@ -2,7 +2,7 @@
 
 use super::condense::{Condensed, Linear, Penalty};
 use super::measure::Measurements;
-use super::model::{Equations, FlightModel, ModelParameter};
+use super::model::{FlightModel, ModelParameter};
 use super::options::{InitialStates, OutputErrorOptions};
 use super::shooting::{Evaluation, OPEN, ParameterPrior, Point, Shooting, gap_std};
 use super::squares::Squares;
@@ -119,11 +119,7 @@ impl<'a> Fitter<'a> {
         };
         let problem = Shooting {
             inputs: inputs.clone(),
-            equations: if measurements.have_sensors() {
-                Equations::with_sensors(&model)
-            } else {
-                Equations::new(&model)
-            },
+            equations: measurements.equations(&model),
             measurements,
             hold_nonlinear: false,
             longest_step_s: LONGEST_STEP_S[0],

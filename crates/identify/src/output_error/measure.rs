@@ -1,6 +1,7 @@
 //! What was measured: states with their covariance, or images of markers, and sensors beside them.
 
 use super::image::ImageMeasurements;
+use super::model::{Equations, FlightModel};
 use super::propagate::SEEN;
 use super::row::{Row, pose_of, whitener};
 use super::sensor::{Sample, SensedMeasurements};
@@ -153,6 +154,11 @@ impl Measurements {
     /// Whether there are sensors.
     pub(crate) fn have_sensors(&self) -> bool {
         matches!(self, Self::Sensed(_))
+    }
+
+    /// The equations of a model, with its sensors where there are some.
+    pub(crate) fn equations(&self, model: &FlightModel) -> Equations {
+        if self.have_sensors() { Equations::with_sensors(model) } else { Equations::new(model) }
     }
 
     /// What the sensors show at an instant.

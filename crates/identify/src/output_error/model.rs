@@ -189,6 +189,13 @@ impl FlightModel {
         self
     }
 
+    /// This model with a scale and an offset of each sensor, fixed at zero ([`Model::with_sensor_terms`]).
+    pub(crate) fn with_sensor_terms(mut self) -> Self {
+        self.model = Arc::new(self.model.with_sensor_terms());
+        self.values.resize(self.model.parameters.len(), 0.0);
+        self
+    }
+
     /// One value.
     pub fn value(&self, parameter: ModelParameter) -> f64 {
         match parameter {

@@ -1,5 +1,6 @@
 //! Which of the terms that a model's file marks as candidates a flight asks for.
 
+mod asked;
 mod held_out;
 mod score;
 
@@ -12,6 +13,8 @@ use super::model::{FlightModel, ModelParameter};
 use super::options::OutputErrorOptions;
 use super::result::{FittedParameter, OutputErrorFit};
 use crate::IdentifyError;
+pub use asked::AskedFor;
+pub(super) use asked::terms_asked_for;
 use held_out::{Found, Parts, STRONG};
 use mavsight_flight::InputSeries;
 use score::score_tests;
@@ -132,72 +135,6 @@ pub fn search_structure(
     let mut not_added: Vec<TriedTerm> = open.into_iter().chain(closed).collect();
     not_added.sort_by_key(|t| model.model().parameter(&t.name));
     Ok(StructureSearch { fit, model, added, not_added })
-}
-
-/// What the residuals of output error ask for, by score tests over the whole flight, none of which is followed by a fit:
-/// the candidate terms of the model's file, and terms that follow one signal of the flight
-/// ([`mavsight_model::Model::with_signal_terms`]) with the lag of the inputs. Of each kind those that pass at the level of
-/// 1 % over all of it, the strongest first. Sensors take no part.
-///
-/// # Errors
-/// Those of [`super::output_error`].
-pub(super) fn terms_asked_for(
-    model: &FlightModel,
-    inputs: &InputSeries,
-    measurements: &Measurements,
-    options: &OutputErrorOptions,
-) -> Result<AskedFor, IdentifyError> {
-    let inputs = &model.inputs_of(inputs)?;
-    let (seen, _) = model.clone().without_outputs();
-    let mut solved = solve(&seen, Recorded { inputs, measurements: measurements.seen() }, options)?;
-    let with_signals = solved.fitter.point.model.clone().with_signal_terms();
-    let mut all = candidates(&with_signals);
-    all.extend(late_inputs(&with_signals));
-    solved.fitter.problem.inputs = inputs.with_time()?;
-    solved.fitter.point.model = with_signals;
-    let parameters: Vec<ModelParameter> = all.iter().map(|c| c.parameter).collect();
-    for (term, test) in all.iter_mut().zip(score_tests(solved, &parameters)?) {
-        term.test = test;
-    }
-    let signals = passing(all.split_off(candidates(&seen).len()));
-    Ok(AskedFor { candidates: passing(all), signals })
-}
-
-/// Inputs that act later than they are recorded, where the fit does not find that by itself.
-fn late_inputs(model: &FlightModel) -> Option<TriedTerm> {
-    let parameter = ModelParameter::InputLag;
-    (!model.free().contains(&parameter)).then(|| TriedTerm {
-        parameter,
-        name: model.name(parameter).to_owned(),
-        unit: model.unit(parameter),
-        explains: "inputs that act later than they are recorded".to_owned(),
-        test: None,
-        reason: NotAdded::NoEvidence,
-    })
-}
-
-/// Terms that pass their score tests.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct AskedFor {
-    /// Candidates of the model's file.
-    pub candidates: Vec<TriedTerm>,
-    /// Forces and moments that follow one signal of the flight, and a lag of the inputs.
-    pub signals: Vec<TriedTerm>,
-}
-
-impl AskedFor {
-    pub(super) fn is_empty(&self) -> bool {
-        self.candidates.is_empty() && self.signals.is_empty()
-    }
-}
-
-/// The terms that pass at the level of all of them together, the strongest first.
-fn passing(mut terms: Vec<TriedTerm>) -> Vec<TriedTerm> {
-    let chi_square = |t: &TriedTerm| t.test.map_or(0.0, |test| test.chi_square);
-    let level = LEVEL / terms.len() as f64;
-    terms.retain(|t| t.test.is_some_and(|test| test.p_value <= level));
-    terms.sort_by(|a, b| chi_square(b).total_cmp(&chi_square(a)));
-    terms
 }
 
 /// What a search has come to.

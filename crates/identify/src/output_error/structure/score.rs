@@ -6,7 +6,7 @@ use super::super::condense::Linear;
 use super::super::covariance::correlation_lag;
 use super::super::disagreement::chi_square_tail;
 use super::super::fitter::TIGHTNESS;
-use super::super::model::{Equations, ModelParameter};
+use super::super::model::ModelParameter;
 use super::ScoreTest;
 use crate::IdentifyError;
 use crate::inverse::inverse;
@@ -30,7 +30,7 @@ pub(super) fn score_tests(
     let free = model.free().len();
     let names: Vec<&str> = model.free().iter().chain(candidates).map(|p| model.name(*p)).collect();
     let model = model.clone().with_free(&names)?;
-    fitter.problem.equations = Equations::new(&model);
+    fitter.problem.equations = fitter.problem.measurements.equations(&model);
     fitter.point.model = model;
     fitter.at = fitter.problem.evaluate(&fitter.point)?;
     let linear = fitter.linearised(TIGHTNESS[3])?;
@@ -107,7 +107,7 @@ fn tests_of(
 /// The variance of the score of a column, from the scores of instants.
 fn spread(left: &Linear, own: &DVector<f64>, channels: usize) -> f64 {
     let residuals = left.residuals();
-    let instants = left.places.last().map_or(0, |p| p.instant) + 1;
+    let instants = left.places.iter().map(|p| p.instant).max().unwrap_or(0) + 1;
     let mut scores = DMatrix::zeros(instants, 1);
     for ((place, own), residual) in left.places.iter().zip(own).zip(&residuals) {
         scores[(place.instant, 0)] += own * residual;

@@ -158,7 +158,7 @@ fn the_fit_that_explains_the_flight_worse_is_doubted() {
         test: None,
         reason: NotAdded::NotDistinguished,
     };
-    let asked = AskedFor { candidates: vec![term], signals: Vec::new() };
+    let asked = AskedFor { candidates: vec![term], ..AskedFor::default() };
     let cases = [(-10.0, None, true, false), (10.0, None, false, true), (10.0, Some(Ok(asked)), true, true)];
     for (worse_by, asked, output_is_doubted, filter_is_doubted) in cases {
         let mut filter = output.clone();

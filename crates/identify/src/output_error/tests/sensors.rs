@@ -6,7 +6,7 @@ use crate::output_error::fitter::{Fitter, Recorded};
 use crate::output_error::shooting::Point;
 use crate::output_error::structure::terms_asked_for;
 use crate::output_error::{
-    FlightModel, Measurements, OutputErrorFit, OutputErrorOptions, filter_error, output_error,
+    FlightFits, FlightModel, Measurements, OutputErrorFit, OutputErrorOptions, filter_error, output_error,
     search_structure,
 };
 use mavsight_flight::{InputSeries, SensorSeries, Vehicle, VehicleFile};
@@ -321,4 +321,36 @@ fn what_sensors_alone_determine_does_not_end_the_search_for_missing_terms() {
     assert!(asked.is_empty(), "{asked:?}");
     let found = search_structure(&model, &inputs(), &measured, &options).expect("searched");
     assert!(found.added.is_empty() && found.fit.parameters.len() == free(&model));
+}
+
+/// A gyroscope whose scale is 10 % off went into the derivatives, and nothing was said.
+#[test]
+fn the_scale_of_a_sensor_is_asked_for_by_its_name() {
+    for (scale, wanted) in [(1.0, None), (1.1, Some("a scale of gyro"))] {
+        let mut random = Random::new(21, 0);
+        let samples = sampled(&mut random);
+        let row = |k: usize| {
+            let mut row = samples.row(k).to_vec();
+            row[2] *= scale;
+            row
+        };
+        let values = (0..samples.times_ns().len()).flat_map(row).collect();
+        let columns = ["acc_x_m_s2", "acc_z_m_s2", "gyro", "rotor"].map(str::to_owned).to_vec();
+        let samples = SensorSeries::new(columns, samples.times_ns().to_vec(), values).expect("samples");
+        let model = FlightModel::with_outputs(&vehicle(OUTPUTS), &inputs()).expect("a model");
+        let states = flown(&TRUTH, &start(), &poses_s());
+        let poses = Measurements::States(noisy_poses(&states, WORSE, &mut random));
+        let measured = poses.with_sensors(model.model(), &samples).expect("sensors");
+        let asked =
+            terms_asked_for(&model, &inputs(), &measured, &OutputErrorOptions::default()).expect("tested");
+        let first = asked.sensors.first();
+        assert_eq!(first.map(|term| term.explains.as_str()), wanted, "{asked:?}");
+        let step = first.and_then(|term| term.test).map_or(scale - 1.0, |test| test.step);
+        assert!((step - (scale - 1.0)).abs() < 0.03, "{step}");
+        let fit = output_error(&model, &inputs(), &measured, &OutputErrorOptions::default()).expect("a fit");
+        let mut fits = FlightFits { poses: Some(fit), ..FlightFits::default() };
+        fits.doubt(Some(Ok(asked)));
+        let fit = fits.poses.expect("output error");
+        assert_eq!(fit.parameters.iter().any(|p| p.identifiable), wanted.is_none(), "{:?}", fit.notes);
+    }
 }
