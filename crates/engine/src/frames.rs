@@ -15,9 +15,17 @@ const LONGEST_READOUT_S: f64 = 1.0 / 30.0;
 /// # Errors
 /// A recording that cannot be opened.
 pub fn camera_feeds(session: &Session) -> Result<Vec<CameraFeed<'static>>, EngineError> {
+    let is_open = session.cameras().iter().skip(1).any(|camera| !has_exact_offset(camera));
     let feed = |(k, camera): (usize, &SessionCamera)| {
         let clap = input(session.clap_of(k))?;
-        let feed = feed_of(camera, k == 0, session.open_camera(k)?);
+        let source = session.open_camera(k)?;
+        let height_px = source.size().height_px;
+        let mut feed = feed_of(camera, k == 0, source);
+        // Beside an offset that is wrong and taken as exact, a line time would stand in for it.
+        let is_estimated = if k == 0 { is_open } else { !has_exact_offset(camera) };
+        if camera.line_time_s.is_none() && is_estimated {
+            feed.clock.line_time_std_s = longest_line_time_s(height_px);
+        }
         Ok(CameraFeed { flash: session.file.flash, clap, ..feed })
     };
     session.cameras().iter().enumerate().map(feed).collect()
@@ -42,9 +50,17 @@ pub(crate) fn feed_of(camera: &SessionCamera, is_first: bool, source: FrameSourc
     }
 }
 
+fn has_exact_offset(camera: &SessionCamera) -> bool {
+    camera.time_offset_s.is_some() && camera.time_offset_std_s.is_none()
+}
+
+fn longest_line_time_s(height_px: u32) -> f64 {
+    LONGEST_READOUT_S / f64::from(height_px.max(1))
+}
+
 /// What a session says of a camera's clock. The first camera's is the reference.
 fn clock_of(camera: &SessionCamera, is_first: bool, size: ImageSize) -> ClockPrior {
-    let mut prior = if is_first || (camera.time_offset_s.is_some() && camera.time_offset_std_s.is_none()) {
+    let mut prior = if is_first || has_exact_offset(camera) {
         ClockPrior::known(CameraClock::default())
     } else {
         ClockPrior::unknown()
@@ -55,9 +71,8 @@ fn clock_of(camera: &SessionCamera, is_first: bool, size: ImageSize) -> ClockPri
     }
     match camera.line_time_s {
         Some(LineTime::Known(line_time_s)) => prior.clock.line_time_s = line_time_s,
-        Some(LineTime::Unknown(_)) | None => {
-            prior.line_time_std_s = LONGEST_READOUT_S / f64::from(size.height_px.max(1));
-        }
+        Some(LineTime::Unknown(_)) => prior.line_time_std_s = longest_line_time_s(size.height_px),
+        None => {}
     }
     prior
 }

@@ -158,8 +158,8 @@ pub struct SessionCamera {
     pub time_offset_s: Option<f64>,
     /// Standard deviation of `time_offset_s`: it is then where the estimation starts; left out: it is exact.
     pub time_offset_std_s: Option<f64>,
-    /// Time from one row of a rolling shutter to the next, 0 for a global shutter; left out: estimated, and 0 where what the
-    /// flight shows may be by chance.
+    /// Time from one row of a rolling shutter to the next, 0 for a global shutter; left out: estimated with the
+    /// offsets of clocks, and 0 where what the flight shows may be by chance or no offset is estimated.
     pub line_time_s: Option<LineTime>,
     /// Which field of an interlaced recording is the earlier one; left out: it is progressive.
     pub interlaced: Option<FieldOrder>,

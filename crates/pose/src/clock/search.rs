@@ -66,31 +66,46 @@ pub(super) fn solve(problem: &mut Problem<'_>, out: &mut [ClockEstimate]) {
         let unseen = ClockVerdict::TooSlow { speed_px_s, needed_px_s, needed_m_s };
         return offsets.iter().for_each(|(k, _)| out[*k].verdict = unseen);
     };
-    // A drift is estimated where its offset is determined. Drifts and line times are kept where they are not by chance.
+    // A drift is estimated where its offset is determined.
     let is_determined = |(k, _): &Unknown| {
         let limit_s = DETERMINED_INTERVALS * problem.streams[*k].interval_s;
         offsets.iter().zip(&found.std).any(|(u, std)| *u == (*k, OFFSET) && *std <= limit_s)
     };
-    let mut more: Vec<Unknown> = drifts.into_iter().filter(is_determined).chain(lines).collect();
+    let drifts: Vec<Unknown> = drifts.into_iter().filter(is_determined).collect();
     offsets.iter().for_each(|(k, _)| out[*k].drift_std = f64::INFINITY);
-    while !more.is_empty() {
-        let unknowns: Vec<Unknown> = offsets.iter().chain(&more).copied().collect();
-        let Some(with) = descend(problem, found.clocks.clone(), &unknowns) else {
-            more.clear();
-            break;
-        };
-        let before = more.len();
-        more = significant(&with, &unknowns[offsets.len()..], out);
-        if more.len() == before {
-            found = with;
-            break;
-        }
+    let with_drifts = extended(problem, &mut found, &offsets, &drifts, out);
+    let mut unknowns = extended(problem, &mut found, &with_drifts, &lines, out);
+    if unknowns.len() > with_drifts.len() && with_drifts.len() == offsets.len() {
+        // Rows that are read one after another may have hidden them.
+        unknowns = extended(problem, &mut found, &unknowns, &drifts, out);
     }
-    let unknowns: Vec<Unknown> = offsets.into_iter().chain(more).collect();
     conclude(problem, &found, &unknowns, out);
 }
 
-/// Those of the last unknowns that are not by chance; the standard deviations of all are noted.
+/// Frees further unknowns and keeps those that are not by chance, with the fit that they give. The standard deviations of all
+/// that were free are noted.
+fn extended(
+    problem: &mut Problem<'_>,
+    found: &mut Found,
+    unknowns: &[Unknown],
+    more: &[Unknown],
+    out: &mut [ClockEstimate],
+) -> Vec<Unknown> {
+    let mut more = more.to_vec();
+    while !more.is_empty() {
+        let all: Vec<Unknown> = unknowns.iter().chain(&more).copied().collect();
+        let Some(with) = descend(problem, found.clocks.clone(), &all) else { break };
+        let kept = significant(&with, &more, out);
+        if kept.len() == more.len() {
+            *found = with;
+            return all;
+        }
+        more = kept;
+    }
+    unknowns.to_vec()
+}
+
+/// Those of the last unknowns of a fit that are not by chance; the standard deviations of all are noted.
 fn significant(with: &Found, last: &[Unknown], out: &mut [ClockEstimate]) -> Vec<Unknown> {
     let first = with.std.len() - last.len();
     let mut kept = Vec::new();

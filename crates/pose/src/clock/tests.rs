@@ -76,6 +76,23 @@ fn late(offset_s: f64, drift: f64) -> CameraClock {
     CameraClock { offset_s, drift, line_time_s: 0.0 }
 }
 
+/// Beside line times that are open too, a drift may be less than four of its standard deviations; it was dropped with them.
+#[test]
+fn a_drift_is_found_beside_line_times_that_are_open() {
+    let mut random = Random::new(8, 0);
+    let clock = late(13.7e-3, 50e-6);
+    let mut streams = [
+        stream(0, CameraClock::default(), H, (30.0, 1.0), &mut random),
+        stream(1, clock, H, (30.0, 1.0), &mut random),
+    ];
+    streams.iter_mut().for_each(|s| s.prior.line_time_std_s = 1.0 / 30.0 / 480.0);
+    let got = estimate_clocks(&rig(), &body(), &streams);
+    assert!(got.iter().all(|clock| clock.clock.line_time_s == 0.0), "{got:?}");
+    let got = got[1];
+    assert!(got.clock.drift != 0.0 && (got.clock.drift - 50e-6).abs() < 4.0 * got.drift_std, "{got}");
+    assert!((got.clock.offset_s - 13.7e-3).abs() < 4.0 * got.offset_std_s, "{got}");
+}
+
 #[test]
 fn an_offset_and_a_drift_are_found_within_their_deviations() {
     for (offset_s, drift, seconds) in [(13.7e-3, 50e-6, 40.0), (-0.41, 0.0, 8.0)] {
