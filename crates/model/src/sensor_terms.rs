@@ -1,7 +1,6 @@
 //! Terms that no file names: scales and offsets of sensors.
 
-use crate::graph::{Node, Variable};
-use crate::model::{Freedom, Model, Parameter};
+use crate::model::{Model, Parameter};
 use crate::unit::Unit;
 
 impl Model {
@@ -13,37 +12,19 @@ impl Model {
     #[must_use]
     pub fn with_sensor_terms(&self) -> Self {
         let mut out = self.clone();
-        let zero = out.graph.constant(0.0);
         for k in 0..out.sensors.len() {
-            let name = out.sensors[k].name.clone();
-            let scale = out.candidate(zero, &name, "a scale", Some(Unit::ONE));
-            let offset = out.candidate(zero, &name, "an offset", out.sensors[k].unit);
+            let term = |what: &str, unit| {
+                let explains = format!("{what} of {}", self.sensors[k].name);
+                Parameter::candidate(explains.clone(), unit, explains)
+            };
+            let scale = out.add_candidate(term("a scale", Some(Unit::ONE)));
+            let offset = out.add_candidate(term("an offset", self.sensors[k].unit));
             let shown = out.nodes.sensors[k];
             let more = out.graph.multiply(scale, shown);
             let scaled = out.graph.add(shown, more);
             out.nodes.sensors[k] = out.graph.add(scaled, offset);
         }
         out
-    }
-
-    /// A further parameter of a sensor, at zero.
-    fn candidate(&mut self, zero: Node, sensor: &str, what: &str, unit: Option<Unit>) -> Node {
-        let place = self.parameters.len();
-        let explains = format!("{what} of {sensor}");
-        self.nodes.values.push(Some(zero));
-        self.nodes.value_order.push(place);
-        self.parameters.push(Parameter {
-            name: explains.clone(),
-            label: explains.clone(),
-            unit,
-            freedom: Freedom::Fixed,
-            min: f64::NEG_INFINITY,
-            max: f64::INFINITY,
-            prior_std: None,
-            candidate: Some(explains.clone()),
-            text: explains,
-        });
-        self.graph.variable(Variable::Parameter(place))
     }
 }
 

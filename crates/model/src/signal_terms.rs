@@ -35,13 +35,9 @@ impl Model {
         let mut loads = out.nodes.loads.clone();
         for (load, (axis, of_load)) in loads.iter_mut().zip(LOADS) {
             for signal in &signals {
-                let place = out.parameters.len();
-                let parameter = out.graph.variable(Variable::Parameter(place));
+                let parameter = out.add_candidate(term_parameter(axis, of_load(), signal));
                 let term = out.graph.multiply(parameter, signal.node);
                 *load = out.graph.add(*load, term);
-                out.nodes.values.push(Some(zero));
-                out.nodes.value_order.push(place);
-                out.parameters.push(term_parameter(axis, of_load(), signal));
             }
         }
         let load = Load { force: [loads[0], loads[1], loads[2]], moment: [loads[3], loads[4], loads[5]] };
@@ -49,6 +45,15 @@ impl Model {
         out.nodes.rates[..RIGID_STATES].copy_from_slice(&rates);
         out.nodes.loads = loads;
         out
+    }
+
+    /// Adds a parameter that is zero, after all others.
+    pub(crate) fn add_candidate(&mut self, parameter: Parameter) -> Node {
+        let (place, zero) = (self.parameters.len(), self.graph.constant(0.0));
+        self.nodes.values.push(Some(zero));
+        self.nodes.value_order.push(place);
+        self.parameters.push(parameter);
+        self.graph.variable(Variable::Parameter(place))
     }
 }
 
@@ -106,16 +111,24 @@ fn term_parameter(load: &str, unit_of_load: Unit, signal: &Signal) -> Parameter 
     } else {
         format!("a {load} that follows {}", signal.name)
     };
-    Parameter {
-        name: format!("{load} by {}", signal.name),
-        label: format!("{load} by {}", signal.name),
-        unit: signal.unit.map(|unit| unit_of_load.over(unit)),
-        freedom: Freedom::Fixed,
-        min: f64::NEG_INFINITY,
-        max: f64::INFINITY,
-        prior_std: None,
-        candidate: Some(follows.clone()),
-        text: follows,
+    let unit = signal.unit.map(|unit| unit_of_load.over(unit));
+    Parameter::candidate(format!("{load} by {}", signal.name), unit, follows)
+}
+
+impl Parameter {
+    /// A term that is held at zero, and what it would explain.
+    pub(crate) fn candidate(name: String, unit: Option<Unit>, explains: String) -> Self {
+        Self {
+            label: name.clone(),
+            name,
+            unit,
+            freedom: Freedom::Fixed,
+            min: f64::NEG_INFINITY,
+            max: f64::INFINITY,
+            prior_std: None,
+            candidate: Some(explains.clone()),
+            text: explains,
+        }
     }
 }
 

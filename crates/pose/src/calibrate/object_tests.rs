@@ -238,7 +238,7 @@ fn a_board_that_cameras_share_links_them() {
     assert!(scale_error(&rig, &truth) < 2e-3, "{}", scale_error(&rig, &truth));
 }
 
-/// A sheet that bows by 1.5 mm in its half metre: taken as flat, cameras were more than ten standard deviations off.
+/// A sheet that bows by 1.5 mm in its half metre; it was taken as flat, and cameras were further off than they claimed.
 #[test]
 fn a_board_that_is_not_flat_gives_cameras_as_good_as_they_claim() {
     let (mut truth, mut random) = (cameras().to_vec(), Random::new(19, 0));

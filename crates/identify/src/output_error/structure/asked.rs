@@ -3,6 +3,7 @@
 use super::score::score_tests;
 use super::{LEVEL, NotAdded, TriedTerm, candidates};
 use crate::IdentifyError;
+use crate::output_error::assemble::Solved;
 use crate::output_error::fit::solve;
 use crate::output_error::fitter::Recorded;
 use crate::output_error::measure::Measurements;
@@ -32,10 +33,7 @@ pub(in crate::output_error) fn terms_asked_for(
     all.extend(late_inputs(&with_signals));
     solved.fitter.problem.inputs = inputs.with_time()?;
     solved.fitter.point.model = with_signals;
-    let parameters: Vec<ModelParameter> = all.iter().map(|c| c.parameter).collect();
-    for (term, test) in all.iter_mut().zip(score_tests(solved, &parameters)?) {
-        term.test = test;
-    }
+    test(solved, &mut all)?;
     let signals = passing(all.split_off(candidates(&seen).len()));
     // Where the flight with its sensors has no fit, output error says why.
     let sensors = of_sensors(model, Recorded { inputs, measurements }, options).unwrap_or_default();
@@ -55,11 +53,16 @@ fn of_sensors(
     let with_terms = solved.fitter.point.model.clone().with_sensor_terms();
     let mut all = candidates(&with_terms).split_off(candidates(model).len());
     solved.fitter.point.model = with_terms;
-    let parameters: Vec<ModelParameter> = all.iter().map(|c| c.parameter).collect();
-    for (term, test) in all.iter_mut().zip(score_tests(solved, &parameters)?) {
-        term.test = test;
-    }
+    test(solved, &mut all)?;
     Ok(passing(all))
+}
+
+/// Tests each term at a fit whose model has them all.
+fn test(solved: Solved<'_>, terms: &mut [TriedTerm]) -> Result<(), IdentifyError> {
+    let parameters: Vec<ModelParameter> = terms.iter().map(|t| t.parameter).collect();
+    let tests = score_tests(solved, &parameters)?;
+    terms.iter_mut().zip(tests).for_each(|(term, test)| term.test = test);
+    Ok(())
 }
 
 /// Inputs that act later than they are recorded, where the fit does not find that by itself.
