@@ -15,7 +15,7 @@ impl Model {
         for k in 0..out.sensors.len() {
             let term = |what: &str, unit| {
                 let explains = format!("{what} of {}", self.sensors[k].name);
-                Parameter::candidate(explains.clone(), unit, explains)
+                Parameter::of_candidate(explains.clone(), unit, explains)
             };
             let scale = out.add_candidate(term("a scale", Some(Unit::ONE)));
             let offset = out.add_candidate(term("an offset", self.sensors[k].unit));

@@ -112,12 +112,12 @@ fn term_parameter(load: &str, unit_of_load: Unit, signal: &Signal) -> Parameter 
         format!("a {load} that follows {}", signal.name)
     };
     let unit = signal.unit.map(|unit| unit_of_load.over(unit));
-    Parameter::candidate(format!("{load} by {}", signal.name), unit, follows)
+    Parameter::of_candidate(format!("{load} by {}", signal.name), unit, follows)
 }
 
 impl Parameter {
     /// A term that is held at zero, and what it would explain.
-    pub(crate) fn candidate(name: String, unit: Option<Unit>, explains: String) -> Self {
+    pub(crate) fn of_candidate(name: String, unit: Option<Unit>, explains: String) -> Self {
         Self {
             label: name.clone(),
             name,
